@@ -1,0 +1,101 @@
+"""The layout's promises: nothing shadows a dependency, plugins are found, only fit files are committed."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DATA_FOLDERS = ("datasets", "configs", "eval", "policies", "tests")
+BINARY_SUFFIXES = {".safetensors", ".parquet", ".mp4", ".png", ".arrow"}
+MEGABYTE = 2**20
+
+
+def run_python(*arguments: str, cwd: Path = ROOT) -> str:
+    """Run a fresh interpreter and return what it prints."""
+    result = subprocess.run([sys.executable, *arguments], cwd=cwd, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    return result.stdout.strip()
+
+
+@pytest.fixture(scope="module")
+def tracked_files() -> list[Path]:
+    """Files that git tracks; skips outside a git checkout (an unpacked sdist)."""
+    result = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True)
+    if result.returncode:
+        pytest.skip("not a git checkout")
+    return [path for name in result.stdout.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+@pytest.mark.parametrize("folder", DATA_FOLDERS)
+def test_data_folders_are_no_packages(folder):
+    assert not (ROOT / folder / "__init__.py").exists()
+
+
+def test_datasets_is_hugging_faces_when_imported_from_the_root():
+    code = "import datasets; from datasets import Dataset; print(datasets.__file__)"
+    assert Path(run_python("-c", code)).parent.parent.name == "site-packages"
+
+
+def test_importing_the_library_loads_neither_mujoco_nor_lerobot():
+    code = "import sys, lerobot_dexflex; print(*sorted({'mujoco', 'lerobot'} & set(sys.modules)))"
+    assert run_python("-c", code) == ""
+
+
+def test_importing_the_plugin_loads_neither_models_nor_mujoco():
+    code = (
+        "import sys, lerobot_policy_dexflex;"
+        "print(*[m for m in sys.modules if m == 'mujoco' or m.startswith('lerobot_policy_dexflex.model')])"
+    )
+    assert run_python("-c", code) == ""
+
+
+def test_lerobot_discovers_policy_and_environment():
+    code = (
+        "from lerobot.utils.import_utils import register_third_party_plugins as register;"
+        "from lerobot.configs import PreTrainedConfig; from lerobot.envs import EnvConfig; register();"
+        "print('dexflex_flow' in PreTrainedConfig.get_known_choices(),"
+        " 'dexflex' in EnvConfig.get_known_choices())"
+    )
+    assert run_python("-c", code) == "True True"
+
+
+@pytest.mark.parametrize("options", [["-m"], ["-P", "-m"]], ids=["root on path", "root off path"])
+def test_tests_are_collected_with_and_without_the_root_on_the_path(options):
+    printed = run_python(*options, "pytest", "--collect-only", "-q", "tests/test_layout.py")
+    assert "test_data_folders_are_no_packages" in printed
+
+
+def test_distribution_is_named_so_that_lerobot_finds_it():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert project["project"]["name"] == "lerobot_policy_dexflex"
+    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel["packages"] == ["lerobot_dexflex", "policies/lerobot_policy_dexflex"]
+
+
+def test_no_tracked_file_is_a_pickle_or_an_unexpected_binary(tracked_files):
+    binaries = [path for path in tracked_files if b"\0" in path.read_bytes()[:4096]]
+    assert [path for path in binaries if path.suffix not in BINARY_SUFFIXES] == []
+
+
+def test_no_tracked_file_exceeds_ten_megabytes(tracked_files):
+    assert [path for path in tracked_files if path.stat().st_size > 10 * MEGABYTE] == []
+
+
+def test_every_checkpoint_is_at_most_eight_megabytes(tracked_files):
+    weights = [path for path in tracked_files if path.suffix == ".safetensors"]
+    assert [path for path in weights if path.stat().st_size > 8 * MEGABYTE] == []
+
+
+def test_shipped_dataset_is_at_most_ten_megabytes(tracked_files):
+    for dataset in (ROOT / "datasets").iterdir():
+        size = sum(path.stat().st_size for path in tracked_files if path.is_relative_to(dataset))
+        assert size <= 10 * MEGABYTE, dataset
+
+
+def test_every_module_stays_below_the_house_limit(tracked_files):
+    modules = [path for path in tracked_files if path.suffix == ".py"]
+    too_long = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in modules}
+    assert {name: lines for name, lines in too_long.items() if lines >= 400} == {}
