@@ -1,0 +1,1 @@
+"""Gymnasium tasks of the tactile LEAP hand."""

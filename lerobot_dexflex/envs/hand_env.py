@@ -1,0 +1,234 @@
+"""The tactile hand as a plain Gymnasium environment; tasks fill in the scene and the success test."""
+
+import copy
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.envs.rendering import Camera
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor
+
+CAMERAS = ("front", "wrist")
+CONTACT_FORCE = 0.05
+"""A finger counts as loaded from this normal force on [N]."""
+
+
+class Snapshot(NamedTuple):
+    """Everything that decides the future of an episode, bit for bit."""
+
+    episode: Any
+    physics: NDArray[np.float64]
+    command: NDArray[np.float64]
+    touch: Any
+    rng: dict[str, Any]
+    memory: dict[str, Any]
+
+
+class HandEnv(gymnasium.Env):
+    """Control a LEAP hand (and its arm) by absolute joint targets at 20 Hz.
+
+    A task implements `_sample_episode`, `_build`, `_initialise`, `_update` and names its `task`.
+
+    Observation (all float32 but the images):
+        pixels: one uint8 image (image_size, image_size, 3) per camera, `front` and `wrist`.
+        agent_pos: measured joint positions, 7 arm + 16 hand [rad]. Shape (23,); (16,) without an arm.
+        tactile: taxel normal forces, 4 fingers x 10 x 6, flat [N]. Shape (240,).
+        fingertips: measured fingertip points in the palm frame, flat [m]. Shape (12,).
+        gravity: unit gravity direction in the palm frame. Shape (3,).
+
+    Action: absolute joint targets [rad], same joints as `agent_pos`; values outside the joint limits are
+    clipped. Targets are interpolated linearly over the control step.
+
+    Args:
+        render_mode: `rgb_array` or None.
+        cameras: Cameras that are rendered into `pixels`; empty for fast runs without images.
+        image_size: Width and height of the observed images [pixel].
+        render_size: Width and height of `render()`'s image [pixel].
+        touch: Sensor effects; `TouchConfig.ideal()` switches them off.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 20}
+    task: ClassVar[str]
+    """Name in `TASKS`."""
+    joints: ClassVar[tuple[str, ...]] = robot.JOINTS
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    episode: Any
+
+    def __init__(
+        self,
+        render_mode: str | None = "rgb_array",
+        cameras: Sequence[str] = CAMERAS,
+        image_size: int = 96,
+        render_size: int = 256,
+        touch: TouchConfig | None = None,
+    ) -> None:
+        unknown = set(cameras) - set(CAMERAS)
+        if unknown:
+            raise DexFlexError(f"Unknown cameras {sorted(unknown)}. Valid cameras: {list(CAMERAS)}.")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise DexFlexError(f"`render_mode` must be 'rgb_array' or None. Got {render_mode!r}.")
+        self.render_mode = render_mode
+        self.task_description = TASKS[self.task].description
+        self._cameras = tuple(cameras)
+        self._image_size, self._render_size = image_size, render_size
+        self._touch_config = touch or TouchConfig()
+        limits = {link.joint: link.joint_range for link in (*robot.xarm7.LINKS, *robot.leap.LINKS)}
+        low, high = np.array([limits[name] for name in self.joints]).T
+        self._low, self._high = low, high
+        self.action_space = spaces.Box(low.astype(np.float32), high.astype(np.float32))
+        self.observation_space = spaces.Dict(self._observation_spaces())
+
+    def _observation_spaces(self) -> dict[str, spaces.Space]:
+        image = spaces.Box(0, 255, (self._image_size, self._image_size, 3), np.uint8)
+        pixels = {"pixels": spaces.Dict(dict.fromkeys(self._cameras, image))} if self._cameras else {}
+        return pixels | {
+            "agent_pos": spaces.Box(-np.inf, np.inf, (len(self.joints),), np.float32),
+            "tactile": spaces.Box(0, np.inf, (240,), np.float32),
+            "fingertips": spaces.Box(-np.inf, np.inf, (12,), np.float32),
+            "gravity": spaces.Box(-1.001, 1.001, (3,), np.float32),
+        }
+
+    @abstractmethod
+    def _sample_episode(self, rng: np.random.Generator) -> Any:
+        """Draw everything that is random about an episode."""
+
+    @abstractmethod
+    def _build(self, episode: Any) -> mujoco.MjSpec:
+        """Return robot, touch, cameras and scene of an episode."""
+
+    @abstractmethod
+    def _initialise(self, episode: Any) -> None:
+        """Set `data.qpos` and `data.ctrl` to the start of the episode."""
+
+    @abstractmethod
+    def _update(self) -> dict[str, Any]:
+        """Judge the state after a control step; returns at least `is_success` and `progress` in [0, 1].
+
+        What it must remember between steps belongs into `self.memory`, which snapshots carry.
+        """
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Start the episode that `seed` alone decides."""
+        super().reset(seed=seed)
+        del options
+        self._load(self._sample_episode(self.np_random))
+        self._initialise(self.episode)
+        mujoco.mj_forward(self.model, self.data)
+        self._command = self.data.ctrl.copy()
+        self.memory: dict[str, Any] = {}
+        info = self._update()
+        return self._observe(), info
+
+    def step(self, action: NDArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Run one control step of 50 ms; success and an unrecoverable drop end the episode.
+
+        Raises:
+            DexFlexError: If the action has another shape or holds NaN or infinity; nothing is executed.
+        """
+        self.advance(action)
+        info = self._update()
+        done = bool(info["is_success"] or info.get("dropped", False))
+        return self._observe(), float(info["is_success"]), done, False, info
+
+    def advance(self, action: NDArray) -> None:
+        """Execute joint targets [rad] for one control step without observing."""
+        target = np.asarray(action, dtype=np.float64)
+        if target.shape != self.action_space.shape:
+            raise DexFlexError(
+                f"The action of {self.task} must have shape {self.action_space.shape} "
+                f"(joint targets [rad]: {', '.join(self.joints)}). Got shape {target.shape}."
+            )
+        if not np.isfinite(target).all():
+            bad = [self.joints[k] for k in np.flatnonzero(~np.isfinite(target))]
+            raise DexFlexError(f"The action holds NaN or infinity at {bad}; send finite joint targets [rad].")
+        target = np.clip(target, self._low, self._high)
+        model, data, start = self.model, self.data, self._command
+        stride = (target - start) / robot.SUBSTEPS
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+        for k in range(1, robot.SUBSTEPS + 1):
+            data.ctrl[:] = start + k * stride
+            mujoco.mj_step(model, data)
+        model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+        # Contacts and sensors of the state itself, not of 2 ms earlier: a restored snapshot sees the same.
+        mujoco.mj_forward(model, data)
+        self._command = target
+
+    def snapshot(self) -> Snapshot:
+        """Return the full state of the running episode; the time limit's wrapper keeps its own counter."""
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        physics = np.empty(mujoco.mj_stateSize(self.model, kind))
+        mujoco.mj_getState(self.model, self.data, physics, kind)
+        return Snapshot(
+            self.episode,
+            physics,
+            self._command.copy(),
+            self._touch.state(),
+            copy.deepcopy(self.np_random.bit_generator.state),
+            copy.deepcopy(self.memory),
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Return to a snapshot of this or another environment of the same task, bit for bit."""
+        if snapshot.episode != getattr(self, "episode", None):
+            self._load(snapshot.episode)
+        mujoco.mj_setState(self.model, self.data, snapshot.physics, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_forward(self.model, self.data)
+        self._command = snapshot.command.copy()
+        self._touch.set_state(snapshot.touch)
+        self.np_random.bit_generator.state = copy.deepcopy(snapshot.rng)
+        self.memory = copy.deepcopy(snapshot.memory)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the front camera's image, shape (render_size, render_size, 3), uint8."""
+        if self.render_mode is None:
+            return None
+        return Camera(self.model, "front", self._render_size, self._render_size).render(self.data)
+
+    @property
+    def command(self) -> NDArray[np.float64]:
+        """The joint targets that were executed last [rad]."""
+        return self._command.copy()
+
+    @property
+    def pad_forces(self) -> NDArray[np.float64]:
+        """True contact normal force on each fingertip [N]. Shape (4,)."""
+        return self._touch.normal_forces(self.data)
+
+    def _load(self, episode: Any) -> None:
+        self.episode = episode
+        self.model = self._build(episode).compile()
+        self.data = mujoco.MjData(self.model)
+        self._touch = TouchSensor(self.model, self._touch_config)
+        self._views = {c: Camera(self.model, c, self._image_size, self._image_size) for c in self._cameras}
+        addresses = [self.model.joint(name).qposadr[0] for name in self.joints]
+        self._joint_addresses = np.array(addresses)
+        self._palm = self.model.body("palm").id
+        self._tips = np.array([self.model.site(f"{f}_tip").id for f in robot.FINGERS])
+
+    def _observe(self) -> dict[str, Any]:
+        data = self.data
+        palm = data.xmat[self._palm].reshape(3, 3)
+        tips = (data.site_xpos[self._tips] - data.xpos[self._palm]) @ palm
+        gravity = self.model.opt.gravity / np.linalg.norm(self.model.opt.gravity)
+        observation: dict[str, Any] = {}
+        if self._cameras:
+            observation["pixels"] = {name: view.render(data) for name, view in self._views.items()}
+        return observation | {
+            "agent_pos": data.qpos[self._joint_addresses].astype(np.float32),
+            "tactile": self._touch.read(data, self.np_random).astype(np.float32).reshape(-1),
+            "fingertips": tips.astype(np.float32).reshape(-1),
+            "gravity": (palm.T @ gravity).astype(np.float32),
+        }

@@ -1,0 +1,227 @@
+"""PlaceHammer: pick a hammer up from its cradle, turn it upright, hang it in a holder and let go."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from lerobot_dexflex.envs.hand_env import CONTACT_FORCE, HandEnv
+from lerobot_dexflex.envs.scene import add_camera, add_studio, add_table, add_wrist_camera
+from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hand.touch import add_touch
+
+ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
+"""Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
+HAND_OPEN = (
+    *(1.307, 0.004, 0.397, -0.144),
+    *(1.307, -0.025, 0.394, -0.142),
+    *(1.312, -0.055, 0.382, -0.135),
+    *(1.755, 0.001, 0.355, -0.697),
+)
+"""Open hand in front of the handle [rad]: pads 18 mm away from it."""
+
+HANDLE_HALF_LENGTH = 0.08
+HEAD_HALF_SIZE = (0.016, 0.04, 0.016)
+HEAD_CENTRE = 0.095
+"""Centre of the head along the handle axis, from the handle's centre [m]."""
+CRADLE_HEIGHT = 0.05
+"""Height of the handle axis in the cradle above the table [m]: room for the fingertips below it."""
+_HANDLE_SHARE = 0.45
+"""Share of the mass in the handle: more, and the hand could not carry the torque of 300 g."""
+_PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.031, 0.010
+_SETTLED_STEPS = 10
+
+
+@dataclass(frozen=True)
+class HammerEpisode:
+    """Everything random about an episode; lengths [m], angles [rad]."""
+
+    handle_radius: float
+    mass: float
+    """Mass of the hammer [kg]."""
+    tip_friction: float
+    cradle: tuple[float, float, float]
+    """Position x, y and yaw of the cradle: the handle points away from the robot at yaw 0."""
+    hammer_yaw: float
+    """How the hammer lies askew in its cradle."""
+    holder: tuple[float, float, float]
+    """Centre of the prongs' top."""
+    arm_noise: tuple[float, ...]
+    """Offset of the arm from its nominal start."""
+
+
+class PlaceHammerEnv(HandEnv):
+    """Hang the hammer in the holder; see `HandEnv` for observations and actions.
+
+    Success: the head lies on both prongs, tilted by less than 6 degrees and at rest, and the hand has let go
+    and moved away (no hand contact, fingertips more than 8 cm off the handle), for half a second.
+    Dropping the hammer on table or floor ends the episode.
+    """
+
+    task = "PlaceHammer-v0"
+
+    def _sample_episode(self, rng: np.random.Generator) -> HammerEpisode:
+        return HammerEpisode(
+            handle_radius=rng.uniform(0.012, 0.014),
+            mass=rng.uniform(0.10, 0.30),
+            tip_friction=rng.uniform(0.7, 1.2),
+            cradle=(rng.uniform(0.42, 0.48), rng.uniform(-0.04, 0.04), rng.uniform(-0.4, 0.4)),
+            hammer_yaw=rng.normal(scale=0.02),
+            holder=(rng.uniform(0.70, 0.73), rng.uniform(-0.04, 0.04), rng.uniform(0.30, 0.34)),
+            arm_noise=tuple(rng.normal(scale=0.03, size=len(robot.ARM_JOINTS))),
+        )
+
+    def _build(self, episode: HammerEpisode) -> mujoco.MjSpec:
+        spec = robot.base_spec()
+        add_studio(spec)
+        add_table(spec)
+        palm = robot.add_hand(spec, robot.add_arm(spec), tip_friction=(episode.tip_friction, 0.005, 0.0001))
+        add_touch(spec)
+        add_camera(spec, "front", position=(1.08, -0.50, 0.62), target=(0.56, 0.0, 0.19), fovy=40)
+        add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        _add_cradle(spec, episode)
+        _add_holder(spec, episode.holder)
+        _add_hammer(spec, episode)
+        return spec
+
+    def _initialise(self, episode: HammerEpisode) -> None:
+        joints = np.concatenate([np.add(ARM_START, episode.arm_noise), HAND_OPEN])
+        self.data.qpos[:23] = joints
+        self.data.ctrl[:] = joints
+        yaw = episode.cradle[2] + episode.hammer_yaw
+        handle = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        rotation = np.stack([np.array([0.0, 0.0, 1.0]), np.cross(handle, [0.0, 0.0, 1.0]), handle], 1)
+        pose = self.data.joint("hammer").qpos
+        pose[:3] = (*episode.cradle[:2], CRADLE_HEIGHT + 0.0005)
+        mujoco.mju_mat2Quat(pose[3:7], rotation.ravel())
+
+    @property
+    def hammer_pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Position [m] (3,) and orientation (3, 3) of the handle's centre in the world; privileged."""
+        body = self.data.body("hammer")
+        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
+
+    @property
+    def goal_position(self) -> np.ndarray:
+        """Where the handle's centre hangs when the hammer is in its holder, world frame [m]."""
+        return np.add(self.episode.holder, (0.0, 0.0, HEAD_HALF_SIZE[2] - HEAD_CENTRE))
+
+    def _update(self) -> dict[str, Any]:
+        touching = self._hammer_contacts()
+        position, rotation = self.hammer_pose
+        fingers = [f"{f}_ds" in touching for f in robot.FINGERS]
+        by_hand = any(name[:2] in robot.FINGERS or name == "palm" for name in touching)
+        holding = fingers[3] and any(fingers[:3])
+        upright = rotation[2, 2] > np.cos(np.radians(6))
+        on_prongs = {"prong0", "prong1"} <= touching
+        at_rest = np.linalg.norm(self.data.joint("hammer").qvel[:3]) < 0.02
+        tips = self.data.site_xpos[self._tips]
+        away = np.linalg.norm(tips - position, axis=1).min() > 0.08
+        hung = on_prongs and upright and at_rest and not by_hand
+        self.memory["settled"] = self.memory.get("settled", 0) + 1 if hung and away else 0
+        success = self.memory["settled"] >= _SETTLED_STEPS
+        lifted = position[2] > CRADLE_HEIGHT + 0.05
+        near = np.linalg.norm(position - self.goal_position) < 0.05
+        stages = (
+            holding,
+            holding and lifted,
+            lifted and rotation[2, 2] > 0.9,
+            near and upright,
+            hung,
+            success,
+        )
+        reached = max([k + 1 for k, stage in enumerate(stages) if stage], default=0)
+        self.memory["stage"] = max(self.memory.get("stage", 0), reached)
+        return {
+            "is_success": bool(success),
+            "progress": self.memory["stage"] / len(stages),
+            "dropped": bool(touching & {"table", "floor"}),
+            "holding": bool(holding),
+        }
+
+    def _hammer_contacts(self) -> set[str]:
+        """Return what pushes on the hammer: names of bodies of the robot and of geoms of the scene."""
+        model, data = self.model, self.data
+        hammer = model.body("hammer").id
+        touching, force = set(), np.zeros(6)
+        for index, contact in enumerate(data.contact):
+            bodies = model.geom_bodyid[contact.geom]
+            if hammer not in bodies:
+                continue
+            mujoco.mj_contactForce(model, data, index, force)
+            other = int(bodies[0] == hammer)
+            geom = contact.geom[other]
+            if not model.body_jntnum[bodies[other]]:
+                touching.add(model.geom(geom).name)
+            elif force[0] > CONTACT_FORCE:
+                touching.add(model.body(bodies[other]).name)
+        return touching
+
+
+def _add_block(body: mujoco.MjsBody, name: str, half_size: Any, position: Any, rgba: Any) -> None:
+    contype, conaffinity = robot.WORLD_COLLISION
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=half_size,
+        pos=position,
+        contype=contype,
+        conaffinity=conaffinity,
+        friction=(0.6, 0.005, 0.0001),
+        rgba=rgba,
+    )
+
+
+def _add_cradle(spec: mujoco.MjSpec, episode: HammerEpisode) -> None:
+    """Add a block under the head, which fixes the hammer's roll, and a rail under the handle's end."""
+    x, y, yaw = episode.cradle
+    brown = (0.45, 0.3, 0.18, 1)
+    cradle = spec.worldbody.add_body(
+        name="cradle", pos=(x, y, 0), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
+    )
+    block = (CRADLE_HEIGHT - HEAD_HALF_SIZE[0]) / 2
+    rail = (CRADLE_HEIGHT - episode.handle_radius) / 2
+    _add_block(cradle, "cradle_head", (0.014, 0.03, block), (HEAD_CENTRE, 0, block), brown)
+    _add_block(cradle, "cradle_tail", (0.005, 0.02, rail), (-0.073, 0, rail), brown)
+
+
+def _add_holder(spec: mujoco.MjSpec, position: tuple[float, float, float]) -> None:
+    """Add two prongs that carry the head, a back plate and a post."""
+    holder = spec.worldbody.add_body(name="holder", pos=position)
+    blue = (0.15, 0.35, 0.75, 1)
+    for k, side in enumerate((-1, 1)):
+        size = (0.03, _PRONG_HALF_WIDTH, 0.004)
+        _add_block(holder, f"prong{k}", size, (0, side * _PRONG_OFFSET, -0.004), (0.15, 0.75, 0.35, 1))
+    _add_block(holder, "holder_back", (0.006, 0.05, 0.03), (0.036, 0, -0.006), blue)
+    half_height = position[2] / 2 - 0.01
+    _add_block(holder, "holder_post", (0.01, 0.01, half_height), (0.05, 0, -position[2] / 2), blue)
+
+
+def _add_hammer(spec: mujoco.MjSpec, episode: HammerEpisode) -> None:
+    contype, conaffinity = robot.WORLD_COLLISION
+    surface = {
+        "contype": contype,
+        "conaffinity": conaffinity,
+        "condim": 4,
+        "friction": (0.6, 0.005, 0.0001),
+    }
+    body = spec.worldbody.add_body(name="hammer")
+    body.add_freejoint(name="hammer")
+    body.add_geom(
+        name="hammer_handle",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=(episode.handle_radius, HANDLE_HALF_LENGTH, 0),
+        mass=_HANDLE_SHARE * episode.mass,
+        rgba=(0.85, 0.55, 0.2, 1),
+        **surface,
+    )
+    body.add_geom(
+        name="hammer_head",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=HEAD_HALF_SIZE,
+        pos=(0, 0, HEAD_CENTRE),
+        mass=(1 - _HANDLE_SHARE) * episode.mass,
+        rgba=(0.75, 0.15, 0.15, 1),
+        **surface,
+    )

@@ -1,0 +1,44 @@
+"""Register the tasks with Gymnasium by string entry points, so that importing costs nothing."""
+
+from typing import NamedTuple
+
+import gymnasium
+
+NAMESPACE = "lerobot_dexflex"
+
+
+class TaskInfo(NamedTuple):
+    """What is known of a task without building it."""
+
+    entry_point: str
+    """`module:class` of the environment."""
+    max_episode_steps: int
+    """Time limit in control steps (20 Hz)."""
+    description: str
+    """Language instruction given to policies."""
+    joints: int
+    """Number of joint targets in the action: 23 with the arm, 16 for the hand alone."""
+
+
+TASKS = {
+    "PlaceHammer-v0": TaskInfo(
+        "lerobot_dexflex.envs.place_hammer:PlaceHammerEnv",
+        300,
+        "Pick up the hammer and hang it in the holder.",
+        23,
+    ),
+    "Reach-v0": TaskInfo(
+        "lerobot_dexflex.envs.reach:ReachEnv",
+        200,
+        "Move the object in the hand to the goal pose.",
+        16,
+    ),
+}
+
+
+def register_tasks() -> None:
+    """Register every task as `lerobot_dexflex/<Task>`; calling it twice is harmless."""
+    for name, task in TASKS.items():
+        gym_id = f"{NAMESPACE}/{name}"
+        if gym_id not in gymnasium.registry:
+            gymnasium.register(gym_id, entry_point=task.entry_point, max_episode_steps=task.max_episode_steps)

@@ -1,0 +1,57 @@
+"""Pieces that every scene shares: light, floor, table and cameras."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from lerobot_dexflex.envs.rendering import add_lights, tune_visuals
+from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hand.body import Vector3
+
+
+def add_studio(spec: mujoco.MjSpec) -> None:
+    """Add lights, render settings and the floor half a metre below the robot's base."""
+    tune_visuals(spec)
+    add_lights(spec)
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=(2, 2, 0.1),
+        pos=(0, 0, -0.5),
+        contype=1,
+        conaffinity=1,
+        rgba=(0.3, 0.3, 0.35, 1),
+    )
+
+
+def add_table(spec: mujoco.MjSpec) -> None:
+    """Add a table whose top is the plane z = 0."""
+    contype, conaffinity = robot.WORLD_COLLISION
+    spec.worldbody.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=(0.45, 0.6, 0.02),
+        pos=(0.45, 0, -0.02),
+        contype=contype,
+        conaffinity=conaffinity,
+        friction=(0.8, 0.005, 0.0001),
+        rgba=(0.62, 0.6, 0.56, 1),
+    )
+
+
+def add_camera(spec: mujoco.MjSpec, name: str, position: Vector3, target: Vector3, fovy: float) -> None:
+    """Add a fixed camera at `position` looking at `target` (world frame [m]), field of view [deg]."""
+    _look_at(spec.worldbody, name, position, target, (0.0, 0.0, 1.0), fovy)
+
+
+def add_wrist_camera(palm: mujoco.MjsBody, position: Vector3, target: Vector3, fovy: float) -> None:
+    """Add the camera `wrist` to the palm, position and target in the palm frame [m]."""
+    _look_at(palm, "wrist", position, target, (0.0, 1.0, 0.0), fovy)
+
+
+def _look_at(body: Any, name: str, position: Vector3, target: Vector3, up: Vector3, fovy: float) -> None:
+    backward = np.subtract(position, target)
+    right = np.cross(up, backward)
+    upward = np.cross(backward, right)
+    body.add_camera(name=name, pos=position, xyaxes=(*right, *upward), fovy=fovy)

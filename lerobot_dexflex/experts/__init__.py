@@ -1,0 +1,21 @@
+"""Scripted, privileged experts that demonstrate the tasks."""
+
+from importlib import import_module
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.experts.command import Command as Command
+from lerobot_dexflex.experts.command import Expert as Expert
+
+_EXPERTS = {"PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate"}
+
+
+def make_expert(task: str) -> Expert:
+    """Return the expert of a task.
+
+    Raises:
+        DexFlexError: If the task has no expert.
+    """
+    if task not in _EXPERTS:
+        raise DexFlexError(f"No expert for task {task!r}. Tasks with an expert: {sorted(_EXPERTS)}.")
+    module, function = _EXPERTS[task].split(":")
+    return getattr(import_module(module), function)
