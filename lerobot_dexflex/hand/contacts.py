@@ -1,0 +1,152 @@
+"""Place finger pads on surfaces and balance the forces they exert: the geometry and statics of a grasp."""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+from torch import Tensor
+
+from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, finger_frames, pads
+from lerobot_dexflex.hand.leap import FINGERS
+
+Array = NDArray[np.float64]
+
+NOMINAL_JOINTS = (1.1, 0.0, 0.5, 0.2) * 3 + (1.6, 0.2, 0.8, -0.2)
+"""A half-closed hand whose pads face each other [rad]."""
+
+_NORMAL_WEIGHT = 0.005
+_POSTURE_WEIGHT = 0.002
+_DAMPING = 0.004
+_MAX_JOINT_STEP = 0.4
+_TORQUE_SCALE = 40.0
+_PRELOAD_WEIGHT = 0.3
+
+
+class FingertipContacts(NamedTuple):
+    """What the fingertips do to an object, in the world frame."""
+
+    loads: Array
+    """Normal force of each fingertip [N]. Shape (4,)."""
+    points: Array
+    """Load-weighted contact points [m]; zero where a finger does not touch. Shape (4, 3)."""
+    inward: Array
+    """Unit contact normals into the object; zero where a finger does not touch. Shape (4, 3)."""
+
+
+class PadSolution(NamedTuple):
+    """Joints that place pads on surface points, and how well they do."""
+
+    joints: Tensor
+    """Hand joints within the limits [rad]. Shape (batch, 16)."""
+    distance: Tensor
+    """Distance from every pad centre to its point [m]. Shape (batch, 4)."""
+    alignment: Tensor
+    """Cosine between the pads' inward and the surfaces' outward normals. Shape (batch, 4)."""
+
+
+def fingertip_contacts(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> FingertipContacts:
+    """Read the contacts between the distal links and a body from simulation data (after `mj_forward`)."""
+    touched = model.body(body).id
+    finger_of = {model.body(f"{f}_ds").id: k for k, f in enumerate(FINGERS)}
+    loads, points, normals = np.zeros(4), np.zeros((4, 3)), np.zeros((4, 3))
+    force = np.zeros(6)
+    for k, contact in enumerate(data.contact):
+        bodies = model.geom_bodyid[contact.geom]
+        finger = finger_of.get(bodies[0], finger_of.get(bodies[1]))
+        if finger is None or touched not in bodies:
+            continue
+        mujoco.mj_contactForce(model, data, k, force)
+        toward_object = 1.0 if bodies[1] == touched else -1.0
+        loads[finger] += force[0]
+        points[finger] += force[0] * contact.pos
+        normals[finger] += force[0] * toward_object * contact.frame[:3]
+    points /= np.maximum(loads, 1e-9)[:, None]
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    return FingertipContacts(loads, points, normals)
+
+
+def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 12) -> PadSolution:
+    """Find joints that lay each pad flat on a surface point: damped least squares, one finger at a time.
+
+    Fingers are independent, so a row may hold four unrelated questions, one per finger.
+
+    Args:
+        points: Where the pad centres should be, palm frame [m]. Shape (batch, 4, 3).
+        normals: Outward unit surface normals there, palm frame. Shape (batch, 4, 3).
+        seed: Start and weakly preferred posture [rad]. Shape (batch, 16).
+        iterations: Gauss-Newton steps.
+    """
+    lower, upper = (limit.to(seed).view(4, 4) for limit in (JOINT_LOWER, JOINT_UPPER))
+    eye = torch.eye(4, dtype=seed.dtype, device=seed.device)
+    posture = joints = seed.reshape(-1, 4, 4)
+    for _ in range(iterations):
+        frames = finger_frames(joints.flatten(1))
+        centres, outward = pads(joints.flatten(1))
+        point_jacobian = torch.linalg.cross(frames.axes, centres.unsqueeze(2) - frames.origins)
+        normal_jacobian = torch.linalg.cross(frames.axes, outward.unsqueeze(2).expand_as(frames.axes))
+        jacobian = torch.cat([point_jacobian, _NORMAL_WEIGHT * normal_jacobian], -1)  # (batch, fingers, 4, 6)
+        error = torch.cat([points - centres, -_NORMAL_WEIGHT * (normals + outward)], -1)
+        gradient = torch.einsum("bfji,bfi->bfj", jacobian, error) + _POSTURE_WEIGHT**2 * (posture - joints)
+        normal_matrix = jacobian @ jacobian.mT + (_DAMPING**2 + _POSTURE_WEIGHT**2) * eye
+        step = torch.linalg.solve(normal_matrix, gradient)
+        joints = torch.clamp(joints + step.clamp(-_MAX_JOINT_STEP, _MAX_JOINT_STEP), lower, upper)
+    centres, outward = pads(joints.flatten(1))
+    return PadSolution(joints.flatten(1), (points - centres).norm(dim=-1), -(normals * outward).sum(-1))
+
+
+def contact_torques(hand_joints: Array, points: Array, forces: Array) -> Array:
+    """Return the joint torques [N m], shape (16,), with which the fingertips exert forces.
+
+    Args:
+        hand_joints: Joint positions [rad]. Shape (16,).
+        points: Contact points on the four distal links, palm frame [m]. Shape (4, 3).
+        forces: Forces of the fingers on what they touch, palm frame [N]. Shape (4, 3).
+    """
+    frames = finger_frames(torch.as_tensor(hand_joints, dtype=torch.float64)[None])
+    origins, axes = frames.origins[0].numpy(), frames.axes[0].numpy()
+    columns = np.cross(axes, points[:, None] - origins)  # (fingers, joints, 3)
+    return np.einsum("fji,fi->fj", columns, forces).ravel()
+
+
+def balance_forces(
+    points: Array, inward: Array, centre: Array, wrench: Array, friction: float, preload: float
+) -> tuple[Array, float]:
+    """Distribute a wrench over frictional contacts: non-negative least squares over friction-cone edges.
+
+    The preload is what every contact would carry if nothing else mattered, hence the internal squeeze.
+
+    Args:
+        points: Contact points [m]. Shape (contacts, 3).
+        inward: Unit normals into the object. Shape (contacts, 3).
+        centre: Point about which the torque is taken [m]. Shape (3,).
+        wrench: Wanted force [N] and torque [N m] on the object. Shape (6,).
+        friction: Usable friction coefficient.
+        preload: Wanted normal force of every contact [N].
+
+    Returns:
+        Forces on the object [N], shape (contacts, 3), and what the wrench misses [N], a torque of
+        1 N m counting as 40 N.
+    """
+    first, second = _tangents(inward)
+    spread = np.stack([first, -first, second, -second], 1)
+    edges = (inward[:, None] + friction * spread).reshape(-1, 3)  # (4 contacts, 3)
+    torques = np.cross(np.repeat(points - centre, 4, 0), edges)
+    system = np.vstack([edges.T, _TORQUE_SCALE * torques.T])
+    target = np.concatenate([wrench[:3], _TORQUE_SCALE * wrench[3:]])
+    n = len(edges)
+    weights, _ = nnls(
+        np.vstack([system, _PRELOAD_WEIGHT * np.eye(n)]),
+        np.concatenate([target, np.full(n, _PRELOAD_WEIGHT * preload / 4)]),
+    )
+    forces = (weights[:, None] * edges).reshape(-1, 4, 3).sum(1)
+    return forces, float(np.linalg.norm(system @ weights - target))
+
+
+def _tangents(normals: Array) -> tuple[Array, Array]:
+    helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(normals, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return first, np.cross(normals, first)
