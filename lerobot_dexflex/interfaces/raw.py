@@ -1,0 +1,53 @@
+"""Execute fingertip displacements as they are, by inverse kinematics."""
+
+from collections.abc import Mapping
+
+from torch import Tensor
+
+from lerobot_dexflex.hand.kinematics import solve_fingertips
+from lerobot_dexflex.interfaces.commanded_hand import CommandedHand, check_draft
+from lerobot_dexflex.interfaces.protocol import CommandSpace
+
+
+class RawInterface:
+    """Add the first displacement to the commanded fingertips and solve for joints. Satisfies `Interface`.
+
+    The displacement moves the *commanded* fingertips: the squeeze lives in commanded minus measured, and a
+    draft executed on measured fingertips lets go of the object.
+    """
+
+    name: str = "raw"
+    command_space: CommandSpace = "draft"
+
+    def __init__(self) -> None:
+        self._hand = CommandedHand()
+
+    @property
+    def command(self) -> Tensor | None:
+        """Executed commanded fingertips [m]. Shape (batch, 4, 3)."""
+        return self._hand.tips
+
+    def reset(self, mask: Tensor | None = None) -> None:
+        """Begin a new episode in the rows of `mask`, or in all."""
+        self._hand.reset(mask)
+
+    def start(self, observation: Mapping[str, Tensor]) -> Tensor:
+        """Return the commanded fingertips before this step [m]. Shape (batch, 4, 3)."""
+        return self._hand.start(observation)[1]
+
+    def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
+        """Return the joint targets of the draft's first displacement; see `Interface.step`."""
+        return self.move(observation, self.displacement(observation, draft)).to(draft.dtype)
+
+    def displacement(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
+        """Return the draft's first displacement, checked [m]. Shape (batch, 4, 3), float64."""
+        rows = len(self.start(observation))
+        return check_draft(draft, (4, 3), rows, "displacements of the four commanded fingertips [m]")[:, 0]
+
+    def move(self, observation: Mapping[str, Tensor], displacement: Tensor) -> Tensor:
+        """Displace the commanded fingertips by (batch, 4, 3) [m]; returns joints (batch, 16) in float64."""
+        joints, tips = self._hand.start(observation)
+        tips = tips + displacement
+        joints = solve_fingertips(tips, joints)
+        self._hand.execute(joints, tips)
+        return joints

@@ -1,0 +1,1 @@
+"""What trainings need besides the networks."""

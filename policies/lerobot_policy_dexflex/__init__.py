@@ -1,0 +1,4 @@
+"""LeRobot plugin: `--policy.type=dexflex_flow` and `--env.type=dexflex`."""
+
+from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig as DexflexFlowConfig
+from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig as DexflexEnvConfig

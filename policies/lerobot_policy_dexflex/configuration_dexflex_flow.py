@@ -1,0 +1,174 @@
+"""Configuration of `--policy.type=dexflex_flow`."""
+
+from dataclasses import dataclass, field
+
+from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.optim import AdamWConfig
+from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.interfaces import INTERFACES, make_interface
+
+ACTION_SPACES = ("joint", "draft")
+_INPUTS = ("observation.state", "observation.tactile", "observation.fingertips", "observation.gravity")
+_WHOLE_RUN = 1_000_000
+
+
+@PreTrainedConfig.register_subclass("dexflex_flow")
+@dataclass
+class DexflexFlowConfig(PreTrainedConfig):
+    """Flow matching from images, touch and joints to chunks of arm joints and hand commands.
+
+    The network needs no download and trains on one CPU core. All normalisation happens inside the policy,
+    because the action interface needs raw units.
+    """
+
+    # What is learned and how it is executed
+    interface: str = "joint"
+    """How the hand is commanded: `joint`, `raw` or `filter`. Switchable at evaluation within the same
+    action space: `joint` needs a checkpoint of joint targets, the others one of commanded fingertips."""
+    action_space: str = ""
+    """Slice of the dataset's action that is learned: `joint` (all joint targets) or `draft` (arm joints and
+    commanded fingertips). Empty in a new training: the interface decides. Saved in the checkpoint."""
+    chunk_size: int = 16
+    """Control steps predicted at once."""
+    n_action_steps: int = 8
+    """Control steps executed before planning again."""
+    command_gain: float = 1.0
+    """Part of the lag between planned and executed fingertips that a draft makes up in one control step."""
+
+    # Network
+    dim: int = 128
+    n_layers: int = 3
+    n_heads: int = 4
+    mlp_ratio: int = 2
+    n_keypoints: int = 32
+    """Image points tracked per camera."""
+    taxel_full_scale: float = 1.0
+    """Taxel force that enters the network as 1 [N]; fixed by the sensor, never fitted to a frame."""
+
+    # Flow
+    noise_draws: int = 4
+    """Pairs of time and noise per sample and step; they share the image encoder, the most expensive part."""
+    euler_steps: int = 8
+
+    # Augmentation, in training only
+    image_shift: int = 0
+    """Largest random shift of an image [pixel]. Zero by default: a pixel of a 96 x 96 view is several
+    millimetres wide, as much as a grasp forgives."""
+    brightness: float = 0.1
+    """Standard deviation of a random brightness factor and contrast factor per image."""
+    state_noise: float = 0.01
+    """Standard deviation of noise on the measured joints [rad]: it blunts the shortcut of copying the
+    state into the action."""
+    fingertip_noise: float = 0.001
+    """The same on the measured fingertips [m]."""
+    touch_dropout: float = 0.1
+    """Probability of hiding all taxels of a sample, so that the policy survives without touch."""
+
+    # Optimisation
+    ema_decay: float = 0.999
+    """Decay of the running average of the weights, which acts at evaluation."""
+    optimizer_lr: float = 1e-3
+    optimizer_weight_decay: float = 1e-2
+    optimizer_grad_clip_norm: float = 1.0
+    warmup_fraction: float = 0.02
+    """Part of the training over which the learning rate rises; it then falls along a cosine to 1 %."""
+
+    # Data loading
+    cache_dataset: bool = True
+    """Keep the decoded dataset in memory while training in this process (`num_workers=0`); see
+    `lerobot_dexflex.training.dataset_cache`."""
+    cache_gigabytes: float = 4.0
+    """Larger datasets are left to LeRobot's own loader."""
+
+    normalization_mapping: dict[str, NormalizationMode] = field(
+        default_factory=lambda: {
+            "VISUAL": NormalizationMode.IDENTITY,
+            "STATE": NormalizationMode.IDENTITY,
+            "ACTION": NormalizationMode.IDENTITY,
+        }
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot work."""
+        super().__post_init__()
+        make_interface(self.interface)
+        if self.action_space not in ("", *ACTION_SPACES):
+            raise DexFlexError(
+                f"`action_space` must be one of {', '.join(ACTION_SPACES)}, or empty to let the interface "
+                f"decide. Got {self.action_space!r}."
+            )
+        if not 1 <= self.n_action_steps <= self.chunk_size:
+            raise DexFlexError(
+                f"`n_action_steps` must be between 1 and `chunk_size` ({self.chunk_size}). "
+                f"Got {self.n_action_steps}."
+            )
+        if self.dim % self.n_heads:
+            raise DexFlexError(f"`dim` must be a multiple of `n_heads` ({self.n_heads}). Got {self.dim}.")
+        if any(mode is not NormalizationMode.IDENTITY for mode in self.normalization_mapping.values()):
+            raise DexFlexError(
+                "`normalization_mapping` must be IDENTITY for every type: the policy normalises inside. "
+                f"Got {self.normalization_mapping}."
+            )
+
+    def settle_action_space(self) -> str:
+        """Let the interface decide the action space of a new training, or check it against a checkpoint.
+
+        Raises:
+            DexFlexError: If the checkpoint learned another action space than the interface executes.
+        """
+        wanted = make_interface(self.interface).command_space
+        self.action_space = self.action_space or wanted
+        if self.action_space != wanted:
+            fitting = [n for n in INTERFACES if make_interface(n).command_space == self.action_space]
+            raise DexFlexError(
+                f"Interface {self.interface!r} executes the action space {wanted!r}, but this checkpoint "
+                f"learned {self.action_space!r}. Choose --policy.interface={'|'.join(fitting)}, or load a "
+                f"checkpoint that was trained with --policy.interface={self.interface}."
+            )
+        return self.action_space
+
+    @property
+    def observation_delta_indices(self) -> None:
+        """One observation, the current one."""
+        return
+
+    @property
+    def action_delta_indices(self) -> list[int]:
+        """The chunk, beginning at the current step."""
+        return list(range(self.chunk_size))
+
+    @property
+    def reward_delta_indices(self) -> None:
+        """No rewards."""
+        return
+
+    def get_optimizer_preset(self) -> AdamWConfig:
+        """Return AdamW with gradient clipping."""
+        return AdamWConfig(
+            lr=self.optimizer_lr,
+            weight_decay=self.optimizer_weight_decay,
+            grad_clip_norm=self.optimizer_grad_clip_norm,
+        )
+
+    def get_scheduler_preset(self) -> CosineDecayWithWarmupSchedulerConfig:
+        """Return a cosine with warm-up over the whole run: LeRobot shrinks it to the number of steps."""
+        return CosineDecayWithWarmupSchedulerConfig(
+            num_warmup_steps=int(self.warmup_fraction * _WHOLE_RUN),
+            num_decay_steps=_WHOLE_RUN,
+            peak_lr=self.optimizer_lr,
+            decay_lr=0.01 * self.optimizer_lr,
+        )
+
+    def validate_features(self) -> None:
+        """Refuse a dataset or environment without the observations that the policy reads."""
+        have = sorted(self.input_features or {})
+        missing = [key for key in _INPUTS if key not in have]
+        if missing or not self.image_features:
+            missing += [] if self.image_features else ["observation.images.<camera>"]
+            raise DexFlexError(
+                f"dexflex_flow reads {', '.join(_INPUTS)} and at least one camera. Missing: "
+                f"{', '.join(missing)}. Got: {', '.join(have)}. Record the dataset with `dexflex-record`, "
+                "or map its keys with --rename_map."
+            )

@@ -1,0 +1,146 @@
+"""The velocity field: a diffusion transformer over the steps of a chunk, looking at the observation."""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from lerobot_policy_dexflex.encoders import Observation, ObservationEncoder
+
+_TIME_FEATURES = 64
+_MODULATIONS = 7
+_STEPS_PER_TOKEN = 2
+"""Two control steps share a token: half the cost, and a token is still wider than what it carries."""
+
+
+class Context(NamedTuple):
+    """An encoded observation, shared by all blocks, noise draws and integration steps."""
+
+    keys: Tensor
+    """Shape (batch, heads, tokens, head_dim)."""
+    values: Tensor
+    """Shape (batch, heads, tokens, head_dim)."""
+    summary: Tensor
+    """Shape (batch, dim)."""
+
+
+class Block(nn.Module):
+    """Self-attention over the chunk, cross-attention to the observation, MLP (adaLN-zero).
+
+    One layer makes the modulation of all blocks and each block adds a learned offset (PixArt's
+    adaLN-single), which saves most of the parameters.
+    """
+
+    def __init__(self, dim: int, n_heads: int, mlp_ratio: int) -> None:
+        super().__init__()
+        self.n_heads = n_heads
+        self.offset = nn.Parameter(torch.zeros(_MODULATIONS, dim))
+        self.qkv = nn.Linear(dim, 3 * dim)
+        self.out = nn.Linear(dim, dim)
+        self.query = nn.Linear(dim, dim)
+        self.cross_out = nn.Linear(dim, dim)
+        self.mlp = nn.Sequential(
+            nn.Linear(dim, mlp_ratio * dim), nn.GELU("tanh"), nn.Linear(mlp_ratio * dim, dim)
+        )
+
+    def forward(self, x: Tensor, modulation: Tensor, context: Context) -> Tensor:
+        """Transform x (draws, batch, tokens, dim); modulation has shape (draws, batch, 1, 7, dim)."""
+        shift1, scale1, gate1, gate2, shift3, scale3, gate3 = (modulation + self.offset).unbind(-2)
+        x = x + gate1 * self._attend_chunk(_modulate(x, shift1, scale1))
+        x = x + gate2 * self._attend_context(functional.layer_norm(x, x.shape[-1:]), context)
+        return x + gate3 * self.mlp(_modulate(x, shift3, scale3))
+
+    def _attend_chunk(self, x: Tensor) -> Tensor:
+        draws, batch, tokens, dim = x.shape
+        q, k, v = self.qkv(x).view(draws * batch, tokens, 3, self.n_heads, -1).permute(2, 0, 3, 1, 4)
+        mixed = functional.scaled_dot_product_attention(q, k, v)  # (draws * batch, heads, tokens, head_dim)
+        return self.out(mixed.transpose(1, 2).reshape(draws, batch, tokens, dim))
+
+    def _attend_context(self, x: Tensor, context: Context) -> Tensor:
+        draws, batch, tokens, dim = x.shape
+        q = self.query(x).view(draws, batch, tokens, self.n_heads, -1).permute(1, 3, 0, 2, 4)
+        # All draws of a row query the same keys: (batch, heads, draws * tokens, head_dim)
+        mixed = functional.scaled_dot_product_attention(q.flatten(2, 3), context.keys, context.values)
+        mixed = mixed.view(batch, self.n_heads, draws, tokens, -1).permute(2, 0, 3, 1, 4)
+        return self.cross_out(mixed.reshape(draws, batch, tokens, dim))
+
+
+class FlowNetwork(nn.Module):
+    """Velocity of an action chunk given flow time and observation.
+
+    Args:
+        image_shapes: Per camera key, (channels, height, width).
+        state_dim: Number of measured joints.
+        action_dim: Numbers per control step.
+        chunk_size: Control steps per chunk.
+        dim: Width of tokens.
+        n_layers: Transformer blocks.
+        n_heads: Attention heads.
+        mlp_ratio: Hidden width of the MLPs in units of `dim`.
+        n_keypoints: Keypoints per camera.
+    """
+
+    def __init__(
+        self,
+        image_shapes: dict[str, tuple[int, ...]],
+        state_dim: int,
+        action_dim: int,
+        chunk_size: int,
+        dim: int,
+        n_layers: int,
+        n_heads: int,
+        mlp_ratio: int,
+        n_keypoints: int,
+    ) -> None:
+        super().__init__()
+        self.n_heads = n_heads
+        self.observation = ObservationEncoder(image_shapes, state_dim, n_keypoints, dim)
+        self.norm = nn.LayerNorm(dim)
+        self.key_value = nn.Linear(dim, 2 * dim)
+        self.time = nn.Linear(_TIME_FEATURES, dim)
+        self.modulation = nn.Sequential(nn.SiLU(), nn.Linear(dim, _MODULATIONS * dim))
+        self.action_in = nn.Linear(_STEPS_PER_TOKEN * action_dim, dim)
+        self.position = nn.Parameter(torch.randn(chunk_size // _STEPS_PER_TOKEN, dim) * 0.02)
+        self.blocks = nn.ModuleList(Block(dim, n_heads, mlp_ratio) for _ in range(n_layers))
+        self.action_out = nn.Linear(dim, _STEPS_PER_TOKEN * action_dim)
+        for layer in (self.modulation[1], self.action_out):
+            nn.init.zeros_(layer.weight)
+            nn.init.zeros_(layer.bias)
+
+    def encode(self, observation: Observation) -> Context:
+        """Encode an observation once for any number of velocities."""
+        tokens = self.norm(self.observation(observation))
+        key_value = self.key_value(tokens).unflatten(-1, (2, self.n_heads, -1))
+        keys, values = key_value.permute(2, 0, 3, 1, 4)
+        return Context(keys, values, tokens.mean(1))
+
+    def velocity(self, x_t: Tensor, t: Tensor, context: Context) -> Tensor:
+        """Return dx/dt at flow time t, which is 0 at noise and 1 at data.
+
+        Args:
+            x_t: Chunks on their way. Shape (draws, batch, chunk_size, action_dim).
+            t: Shape (draws, batch).
+            context: The encoded observation of each batch row.
+
+        Returns:
+            Shape of `x_t`.
+        """
+        condition = self.time(_time_features(t)) + context.summary  # (draws, batch, dim)
+        modulation = self.modulation(condition).unflatten(-1, (_MODULATIONS, -1)).unsqueeze(2)
+        x = self.action_in(x_t.unflatten(2, (-1, _STEPS_PER_TOKEN)).flatten(3)) + self.position
+        for block in self.blocks:
+            x = block(x, modulation, context)
+        x = functional.layer_norm(x, x.shape[-1:])
+        return self.action_out(x).view_as(x_t)
+
+
+def _modulate(x: Tensor, shift: Tensor, scale: Tensor) -> Tensor:
+    return functional.layer_norm(x, x.shape[-1:]) * (1 + scale) + shift
+
+
+def _time_features(t: Tensor) -> Tensor:
+    frequencies = torch.exp(torch.linspace(0, math.log(1000), _TIME_FEATURES // 2, device=t.device))
+    phase = t.unsqueeze(-1) * frequencies
+    return torch.cat([phase.sin(), phase.cos()], -1)

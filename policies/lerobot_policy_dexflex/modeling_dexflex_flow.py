@@ -1,0 +1,203 @@
+"""`--policy.type=dexflex_flow`: flow matching to action chunks, executed through an action interface."""
+
+import copy
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import torch
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.constants import ACTION, OBS_STATE
+from torch import Tensor, nn
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.interfaces import DRAFT_HORIZON, make_interface
+from lerobot_dexflex.training.dataset_cache import cache_dataset
+from lerobot_policy_dexflex.augmentation import jitter, shift_images, vary_light
+from lerobot_policy_dexflex.compatibility import check_dataset
+from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
+from lerobot_policy_dexflex.drafts import displacement_draft, joint_draft
+from lerobot_policy_dexflex.encoders import Observation
+from lerobot_policy_dexflex.flow_network import FlowNetwork
+from lerobot_policy_dexflex.normalization import Normalization, compress_touch
+
+HAND_JOINTS = 16
+
+
+class DexflexFlowPolicy(PreTrainedPolicy):
+    """Flow-matching policy whose hand commands pass through `config.interface`.
+
+    `forward` trains `network`; `update`, called by LeRobot after every optimiser step, moves its running
+    average, and everything in evaluation mode uses that average. Both are saved.
+
+    Args:
+        config: Policy configuration; `input_features` are filled in by LeRobot.
+        dataset_stats: Statistics of the training dataset; None when a checkpoint is loaded.
+        dataset_meta: Metadata of the training dataset; None outside of training.
+
+    Raises:
+        DexFlexError: If the dataset is of another robot or the checkpoint of another action space.
+    """
+
+    config_class = DexflexFlowConfig  # pyright: ignore[reportAssignmentType]
+    name = "dexflex_flow"  # pyright: ignore[reportAssignmentType]
+    config: DexflexFlowConfig
+    updates: Tensor
+
+    def __init__(
+        self,
+        config: DexflexFlowConfig,
+        dataset_stats: Mapping[str, Any] | None = None,
+        dataset_meta: Any = None,
+        **kwargs: Any,
+    ) -> None:
+        del kwargs
+        super().__init__(config)
+        config.validate_features()
+        action_space = config.settle_action_space()
+        if dataset_meta is not None:
+            check_dataset(dataset_meta)
+            if config.cache_dataset:
+                cache_dataset(dataset_meta, config.cache_gigabytes)
+        features = config.input_features or {}
+        n_joints = features[OBS_STATE].shape[0]
+        self._n_arm = n_joints - HAND_JOINTS
+        self.normalization = Normalization(n_joints, action_space, self._n_arm)
+        if dataset_stats is not None:
+            self.normalization.fit(dataset_stats)
+        self.network = FlowNetwork(
+            {key: tuple(feature.shape) for key, feature in config.image_features.items()},
+            n_joints,
+            len(self.normalization.columns),
+            config.chunk_size,
+            config.dim,
+            config.n_layers,
+            config.n_heads,
+            config.mlp_ratio,
+            config.n_keypoints,
+        )
+        self.average = copy.deepcopy(self.network).requires_grad_(False)
+        self.register_buffer("updates", torch.zeros((), dtype=torch.int64))
+        self.interface = make_interface(config.interface)
+        self.reset()
+
+    def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return the trained weights; the running average is none of them."""
+        return self.network.parameters()
+
+    @torch.no_grad()
+    def update(self) -> None:
+        """Move the average toward the trained weights; quickly at first, while they are still poor."""
+        self.updates += 1
+        n = int(self.updates)
+        decay = min(self.config.ema_decay, (1 + n) / (10 + n))
+        average, current = list(self.average.parameters()), list(self.network.parameters())
+        torch._foreach_lerp_(average, current, 1 - decay)
+
+    def reset(self) -> None:
+        """Begin a new episode in every row: forget the chunk and the commanded hand."""
+        self.interface.reset()
+        self._chunk: Tensor | None = None
+        self._step = 0
+        self._planned_tips: Tensor | None = None
+
+    def forward(self, batch: dict[str, Any], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
+        """Return the flow-matching loss on `noise_draws` pairs of time and noise per sample.
+
+        Args:
+            batch: Observation, `action` (batch, chunk_size, action) in raw units, `action_is_pad`.
+            reduction: `mean`, or `none` for one loss per sample.
+        """
+        network = self.network if self.training else self.average
+        x_1 = self.normalization.action(batch[ACTION][..., self.normalization.columns])
+        t, x_0 = self._draw(x_1)
+        x_t = torch.lerp(x_0, x_1.expand_as(x_0), t[..., None, None])  # (draws, batch, chunk, dim)
+        velocity = network.velocity(x_t, t, network.encode(self._observe(batch)))
+        error = (velocity - (x_1 - x_0)).square().mean((0, 3))  # (batch, chunk)
+        valid = ~batch[f"{ACTION}_is_pad"]
+        per_sample = (error * valid).sum(1) / valid.sum(1)
+        if reduction == "none":
+            return per_sample, {"flow_loss": per_sample.mean().item()}
+        loss = (error * valid).sum() / valid.sum()
+        return loss, {"flow_loss": loss.item()}
+
+    def _draw(self, x_1: Tensor) -> tuple[Tensor, Tensor]:
+        """Draw times, stratified over the draws of a sample, and noise."""
+        draws, batch = self.config.noise_draws, len(x_1)
+        stratum = torch.arange(draws, device=x_1.device).unsqueeze(1)
+        t = (stratum + torch.rand(draws, batch, device=x_1.device)) / draws
+        return t, torch.randn(draws, *x_1.shape, device=x_1.device)
+
+    def _observe(self, batch: Mapping[str, Any]) -> Observation:
+        """Normalise an observation in raw units; augment it in training."""
+        config, normalize = self.config, self.normalization
+        images = {key: 2 * batch[key] - 1 for key in config.image_features}
+        state, tips = batch[OBS_STATE], batch["observation.fingertips"]
+        missing = torch.zeros(len(state), dtype=torch.bool, device=state.device)
+        if self.training:
+            images = {
+                key: shift_images(vary_light(image, config.brightness), config.image_shift)
+                for key, image in images.items()
+            }
+            state, tips = jitter(state, config.state_noise), jitter(tips, config.fingertip_noise)
+            missing = torch.rand(len(state), device=state.device) < config.touch_dropout
+        return Observation(
+            images,
+            normalize.state(state),
+            normalize.fingertips(tips).unflatten(-1, (4, 3)),
+            batch["observation.gravity"],
+            compress_touch(batch["observation.tactile"], config.taxel_full_scale),
+            missing,
+        )
+
+    @torch.no_grad()
+    def predict_action_chunk(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, batch: Mapping[str, Any], noise: Tensor | None = None
+    ) -> Tensor:
+        """Integrate the flow from noise to a chunk, in raw units.
+
+        Args:
+            batch: Observation in raw units.
+            noise: Standard normal start; drawn if None. Shape (batch, chunk_size, action_dim).
+
+        Returns:
+            Arm joints [rad], then hand joints [rad] or commanded fingertips [m]. Shape of `noise`.
+        """
+        shape = (len(batch[OBS_STATE]), self.config.chunk_size, len(self.normalization.columns))
+        if noise is None:
+            noise = torch.randn(shape, device=batch[OBS_STATE].device)
+        elif tuple(noise.shape) != shape:
+            raise DexFlexError(f"`noise` must have shape {shape}. Got {tuple(noise.shape)}.")
+        network = self.network if self.training else self.average
+        context = network.encode(self._observe(batch))
+        x = noise.unsqueeze(0)
+        for k in range(self.config.euler_steps):
+            t = x.new_full(x.shape[:2], k / self.config.euler_steps)
+            x = x + network.velocity(x, t, context) / self.config.euler_steps
+        return self.normalization.action.inverse(x[0])
+
+    @torch.no_grad()
+    def select_action(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, batch: Mapping[str, Any], noise: Tensor | None = None
+    ) -> Tensor:
+        """Return joint targets [rad] for this control step, shape (batch, joints); call it at every step.
+
+        Args:
+            batch: Observation in raw units; images are read only when a new chunk is planned.
+            noise: Start of the flow if this step plans a chunk; see `predict_action_chunk`.
+        """
+        if self._chunk is None or self._step >= self.config.n_action_steps:
+            self._chunk, self._step = self.predict_action_chunk(batch, noise), 0
+        arm, hand = self._chunk[..., : self._n_arm], self._chunk[..., self._n_arm :]
+        if self.config.action_space == "joint":
+            draft = joint_draft(hand, self._step, DRAFT_HORIZON)
+        else:
+            planned = hand.double().unflatten(-1, (4, 3))
+            command = self.interface.start(batch)
+            draft = displacement_draft(
+                planned, self._step, DRAFT_HORIZON, command, self._planned_tips, self.config.command_gain
+            )
+            self._planned_tips = planned[:, self._step]
+        hand_targets = self.interface.step(batch, draft).to(self._chunk.dtype)
+        targets = torch.cat([arm[:, self._step], hand_targets], -1)
+        self._step += 1
+        return targets

@@ -1,0 +1,99 @@
+"""Bring actions and observations to unit scale and back; the statistics travel in the checkpoint."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+MIN_ANGLE_STD = 0.01
+"""A joint that hardly moves in the data is not blown up to unit scale [rad]."""
+MIN_LENGTH_STD = 0.002
+"""The same for fingertips [m]."""
+_TIP_NUMBERS = 12
+
+
+class Normalizer(nn.Module):
+    """Shift and scale vectors of joint angles followed by fingertips.
+
+    Every joint has its own standard deviation; every fingertip has one for all three axes, so that its
+    geometry survives.
+
+    Args:
+        n_angles: Leading joint angles.
+        n_tips: Trailing fingertips, three numbers each.
+    """
+
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, n_angles: int, n_tips: int) -> None:
+        super().__init__()
+        self.n_angles, self.n_tips = n_angles, n_tips
+        size = n_angles + 3 * n_tips
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("std", torch.ones(size))
+
+    def fit(self, mean: Tensor, std: Tensor) -> None:
+        """Take over a dataset's statistics, each of shape (n_angles + 3 * n_tips,)."""
+        angles = std[: self.n_angles].clamp(min=MIN_ANGLE_STD)
+        tips = std[self.n_angles :].view(self.n_tips, 3).square().mean(1, keepdim=True).sqrt()
+        tips = tips.clamp(min=MIN_LENGTH_STD).expand(-1, 3).flatten()
+        self.mean.copy_(mean)
+        self.std.copy_(torch.cat([angles, tips]))
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Normalise values (..., n_angles + 3 * n_tips)."""
+        return (values - self.mean) / self.std
+
+    def inverse(self, values: Tensor) -> Tensor:
+        """Undo `forward`."""
+        return values * self.std + self.mean
+
+
+class Normalization(nn.Module):
+    """Normalizers of state, fingertips and the learned slice of the action.
+
+    Args:
+        n_joints: Joints of the robot, arm and hand.
+        action_space: `joint` or `draft`.
+        n_arm: Joints of the arm, which come first.
+    """
+
+    def __init__(self, n_joints: int, action_space: str, n_arm: int) -> None:
+        super().__init__()
+        self.columns = action_columns(n_joints, action_space, n_arm)
+        self.state = Normalizer(n_joints, 0)
+        self.fingertips = Normalizer(0, 4)
+        tips = 4 if action_space == "draft" else 0
+        self.action = Normalizer(len(self.columns) - 3 * tips, tips)
+
+    def fit(self, stats: Mapping[str, Mapping[str, Any]]) -> None:
+        """Take over LeRobot's dataset statistics (`mean` and `std` per feature)."""
+        for normalizer, key, columns in (
+            (self.state, "observation.state", slice(None)),
+            (self.fingertips, "observation.fingertips", slice(None)),
+            (self.action, "action", self.columns),
+        ):
+            mean, std = (torch.as_tensor(stats[key][name], dtype=torch.float32) for name in ("mean", "std"))
+            normalizer.fit(mean[columns], std[columns])
+
+
+def action_columns(n_joints: int, action_space: str, n_arm: int) -> list[int]:
+    """Return the learned columns of the dataset's action: all joints, or arm joints and fingertips."""
+    if action_space == "joint":
+        return list(range(n_joints))
+    return [*range(n_arm), *range(n_joints, n_joints + _TIP_NUMBERS)]
+
+
+def compress_touch(taxels: Tensor, full_scale: float) -> Tensor:
+    """Scale taxel forces [N] by a fixed full scale and take the root, which resolves light touch.
+
+    Args:
+        taxels: Shape (batch, 240) [N].
+        full_scale: Force that becomes 1 [N].
+
+    Returns:
+        Shape (batch, 4, 60), never negative.
+    """
+    return (taxels.clamp(min=0) / full_scale).sqrt().unflatten(-1, (4, -1))

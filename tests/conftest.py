@@ -1,0 +1,71 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SYNTHETIC_EPISODES = (20, 26, 14)
+
+
+def make_synthetic_dataset(root: Path, **changes) -> Path:
+    """Write a tiny dataset in our schema: a bright square in both images says where the hand shall go.
+
+    Args:
+        root: Folder to create.
+        **changes: Overrides of `LeRobotDataset.create`, e.g. another `fps`.
+    """
+    import av.logging
+    from lerobot.configs.video import RGBEncoderConfig
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    from lerobot_dexflex.hand.model import JOINTS
+    from lerobot_dexflex.recording.schema import columns, lerobot_features, robot_type
+
+    av.logging.set_level(av.logging.PANIC)
+    images = {f"observation.images.{camera}": (96, 96, 3) for camera in ("front", "wrist")}
+    arguments = {
+        "repo_id": "lerobot-dexflex/synthetic",
+        "fps": 20,
+        "features": lerobot_features(columns(JOINTS), images),
+        "root": root,
+        "robot_type": robot_type(JOINTS),
+        "rgb_encoder": RGBEncoderConfig(vcodec="h264", g=2, crf=18),
+        "streaming_encoding": True,
+        "encoder_queue_maxsize": 1000,
+        "video_backend": "pyav",
+    }
+    dataset = LeRobotDataset.create(**(arguments | changes))
+    rng = np.random.default_rng(0)
+    for steps in SYNTHETIC_EPISODES:
+        goal = rng.uniform(-1, 1, 2)
+        for k in range(steps):
+            dataset.add_frame(_synthetic_frame(rng, goal, k / steps, dataset.features) | {"task": "follow"})
+        dataset.save_episode()
+    dataset.finalize()
+    return root
+
+
+def _synthetic_frame(rng, goal, phase, features):
+    image = np.full((96, 96, 3), 40, np.uint8)
+    row, column = (48 + 36 * goal).astype(int)
+    image[row - 6 : row + 6, column - 6 : column + 6] = (230, 120, int(250 * phase))
+    joints = 0.3 + 0.3 * phase * np.resize(goal, 23)
+    tips = 0.05 + 0.02 * phase * np.resize(goal, 12)
+    frame = {
+        "observation.images.front": image,
+        "observation.images.wrist": image[::-1].copy(),
+        "observation.state": joints + 0.01 * rng.standard_normal(23),
+        "observation.tactile": rng.exponential(0.05, 240),
+        "observation.fingertips": tips,
+        "observation.gravity": np.array([0.0, 0.0, -1.0]),
+        "action": np.concatenate([joints, tips]),
+    }
+    return {
+        key: value if value.dtype == np.uint8 else value.astype(np.float32)
+        for key, value in frame.items()
+        if key in features
+    }
+
+
+@pytest.fixture(scope="session")
+def synthetic_dataset(tmp_path_factory) -> Path:
+    return make_synthetic_dataset(tmp_path_factory.mktemp("datasets") / "synthetic")
