@@ -1,0 +1,1 @@
+"""Paired comparison of action interfaces: rollouts, statistics and reports."""

@@ -1,0 +1,165 @@
+"""LeRobot checkpoints as controllers, loaded through LeRobot's own API."""
+
+import contextlib
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.outcome import Motion
+from lerobot_dexflex.evaluation.provenance import checkpoint_digest
+from lerobot_dexflex.interfaces import Interface, make_interface
+from lerobot_dexflex.interfaces.protocol import CommandSpace
+
+
+@dataclass(frozen=True)
+class LeRobotPolicies:
+    """One checkpoint per action space; every interface that reads drafts shares the draft checkpoint."""
+
+    joint: Path
+    """Folder `pretrained_model` of the policy that learned joint targets."""
+    draft: Path
+    """Folder `pretrained_model` of the policy that learned commanded fingertips."""
+    device: str = "cpu"
+
+    def __call__(self, interface: str) -> "LeRobotController":
+        """Load the checkpoint that fits the interface."""
+        return LeRobotController(self.checkpoint(interface), interface, self.device)
+
+    def checkpoint(self, interface: str) -> Path:
+        """Return the checkpoint folder of an interface."""
+        return self.joint if make_interface(interface).command_space == "joint" else self.draft
+
+    def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
+        """Check the checkpoints that are needed and return their content hashes and the device.
+
+        Raises:
+            DexFlexError: If a checkpoint is missing or learned another action space.
+        """
+        found = {}
+        for name in interfaces:
+            space = make_interface(name).command_space
+            folder = self.checkpoint(name)
+            check_checkpoint(folder, space)
+            found[f"checkpoint.{space}"] = checkpoint_digest(folder)
+        return {**found, "device": self.device}
+
+
+def check_checkpoint(folder: Path, space: CommandSpace) -> None:
+    """Refuse a folder that is no checkpoint of this action space; reads its configuration only.
+
+    Raises:
+        DexFlexError: Says how to train what is missing.
+    """
+    interface = {"joint": "joint", "draft": "raw"}[space]
+    remedy = (
+        f"Give --{space}-policy=<run>/checkpoints/last/pretrained_model, or train one: lerobot-train "
+        f"--policy.type=dexflex_flow --policy.interface={interface} --policy.push_to_hub=false "
+        "--dataset.repo_id=lerobot-dexflex/place_hammer --dataset.root=datasets/place_hammer "
+        f"--output_dir=outputs/train/{space}"
+    )
+    missing = [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]
+    if missing:
+        raise DexFlexError(f"No {space} checkpoint at {folder}: {', '.join(missing)} not found. {remedy}")
+    config = json.loads((folder / "config.json").read_text())
+    if config.get("action_space") != space:
+        raise DexFlexError(
+            f"The checkpoint {folder} ({config.get('type')}) learned the action space "
+            f"{config.get('action_space')!r}, but this interface executes {space!r}. {remedy}"
+        )
+
+
+class LeRobotController:
+    """A LeRobot policy under one interface, batched, with its noise drawn per episode.
+
+    Args:
+        checkpoint: Folder `pretrained_model`.
+        interface: Overrides the checkpoint's interface.
+        device: Torch device.
+    """
+
+    def __init__(self, checkpoint: Path, interface: str, device: str) -> None:
+        # LeRobot takes seconds to import; only workers pay.
+        from lerobot.configs import PreTrainedConfig
+        from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+        from lerobot.utils.import_utils import register_third_party_plugins
+
+        register_third_party_plugins()
+        overrides = [f"--interface={interface}", f"--device={device}"]
+        config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
+        config.pretrained_path = checkpoint
+        with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.
+            self._policy: Any = get_policy_class(config.type).from_pretrained(str(checkpoint), config=config)
+        self._policy.eval()
+        self._preprocess, self._postprocess = make_pre_post_processors(
+            config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
+        )
+        self._observer = ObservedInterface(self._policy.interface)
+        self._policy.interface = self._observer
+        self._generators: list[torch.Generator] = []
+
+    @property
+    def motion(self) -> Motion | None:
+        """See `Controller.motion`."""
+        return self._observer.motion
+
+    def reset(self, seeds: Sequence[int]) -> None:
+        """Start one episode per seed."""
+        self._policy.reset()
+        self._generators = [torch.Generator().manual_seed(seed) for seed in seeds]
+
+    @torch.inference_mode()
+    def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
+        """See `Controller.act`; the same steps as LeRobot's own rollout."""
+        from lerobot.envs.utils import preprocess_observation
+
+        batch = preprocess_observation(observation)
+        batch["task"] = [task] * len(self._generators)  # pyright: ignore[reportArgumentType]
+        action = self._policy.select_action(self._preprocess(batch), noise=self._noise())
+        return self._postprocess(action).to("cpu").numpy()
+
+    def _noise(self) -> Tensor:
+        """Draw a chunk of noise per episode in every step, so that step k sees the same in all interfaces."""
+        shape = (self._policy.config.chunk_size, len(self._policy.normalization.columns))
+        return torch.stack([torch.randn(shape, generator=g) for g in self._generators])
+
+
+class ObservedInterface:
+    """Passes all to an interface and remembers how it changed the last draft. Satisfies `Interface`."""
+
+    def __init__(self, inner: Interface) -> None:
+        self._inner = inner
+        self.name, self.command_space = inner.name, inner.command_space
+        self.motion: Motion | None = None
+
+    @property
+    def command(self) -> Tensor | None:
+        """Executed commanded fingertips [m]. Shape (batch, 4, 3)."""
+        return self._inner.command
+
+    def reset(self, mask: Tensor | None = None) -> None:
+        """Begin a new episode in the rows of `mask`, or in all."""
+        self.motion = None
+        self._inner.reset(mask)
+
+    def start(self, observation: Mapping[str, Tensor]) -> Tensor:
+        """Return the commanded fingertips before this step [m]. Shape (batch, 4, 3)."""
+        return self._inner.start(observation)
+
+    def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
+        """Return the inner interface's joint targets; see `Interface.step`."""
+        before = self._inner.start(observation)
+        targets = self._inner.step(observation, draft)
+        command = self._inner.command
+        if self.command_space == "draft" and command is not None:
+            parts = (draft[:, 0], command - before, command)
+            self.motion = Motion(*(part.double().cpu().numpy() for part in parts))
+        return targets

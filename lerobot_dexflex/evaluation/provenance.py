@@ -1,0 +1,57 @@
+"""What decides the numbers of a comparison: code, checkpoints, versions."""
+
+import hashlib
+import importlib.util
+import json
+import os
+from collections.abc import Iterable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+_DECISIVE = ("hand", "envs", "interfaces", "evaluation/rollout.py", "evaluation/outcome.py")
+"""Parts of the library that decide what happens in an episode, beside the policy plugin."""
+_PLUGIN = "lerobot_policy_dexflex"
+_VERSIONS = ("lerobot", "mujoco", "numpy", "torch")
+_CHECKPOINT_SUFFIXES = (".json", ".safetensors")
+
+
+def code_digest() -> str:
+    """Return a digest of all source files that decide what happens in an episode."""
+    files = [(_PACKAGE, file) for part in _DECISIVE for file in _sources(_PACKAGE / part)]
+    plugin = importlib.util.find_spec(_PLUGIN)
+    if plugin is not None and plugin.origin is not None:
+        folder = Path(plugin.origin).parent
+        files += [(folder.parent, file) for file in _sources(folder)]
+    return _digest(files)
+
+
+def checkpoint_digest(folder: Path) -> str:
+    """Return a digest of a checkpoint's weights, configuration and processors, not of its card."""
+    files = [
+        f for f in folder.iterdir() if f.suffix in _CHECKPOINT_SUFFIXES and f.name != "train_config.json"
+    ]
+    return _digest((folder, file) for file in files)
+
+
+def environment_identity() -> dict[str, str]:
+    """Return what of this installation can change results: code, versions, renderer."""
+    versions = {f"version.{name}": version(name) for name in _VERSIONS}
+    return {"code": code_digest(), "renderer": os.environ.get("MUJOCO_GL", "default"), **versions}
+
+
+def identity_digest(identity: dict[str, Any]) -> str:
+    """Return a short digest of a comparison's settings."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:8]
+
+
+def _sources(path: Path) -> list[Path]:
+    return [path] if path.is_file() else list(path.rglob("*.py"))
+
+
+def _digest(files: Iterable[tuple[Path, Path]]) -> str:
+    digest = hashlib.sha256()
+    for name, file in sorted((file.relative_to(root).as_posix(), file) for root, file in files):
+        digest.update(name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]

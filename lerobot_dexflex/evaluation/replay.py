@@ -1,0 +1,145 @@
+"""Execute recorded actions again, from the initial states they were recorded in."""
+
+import functools
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pyarrow.parquet as pq
+import torch
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from lerobot_dexflex.envs.registration import NAMESPACE
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.outcome import Motion, Outcome
+from lerobot_dexflex.evaluation.rollout import run_group
+from lerobot_dexflex.hand.model import JOINTS
+from lerobot_dexflex.interfaces import make_interface
+from lerobot_dexflex.recording.schema import FPS, columns
+from lerobot_dexflex.recording.staging import RECORD_FILE
+from lerobot_dexflex.recording.workers import run_numbered
+
+_ARM = 7
+
+
+@dataclass(frozen=True)
+class Demonstrations:
+    """The actions of a recorded dataset and where they come from."""
+
+    root: Path
+    task: str
+    seeds: tuple[int, ...]
+    """Environment seed of each episode."""
+    actions: tuple[NDArray[np.float32], ...]
+    """23 joint targets [rad] and 12 commanded fingertips [m] per step. Shapes (steps, 35)."""
+    expert: tuple[int, int]
+    """Successes and attempts of the expert while recording; only successes were kept."""
+
+
+def load_demonstrations(root: Path) -> Demonstrations:
+    """Read the actions of a dataset that `dexflex-record` wrote.
+
+    Raises:
+        DexFlexError: If it is no such dataset, or one of another robot or rate.
+    """
+    record_file, info_file = root / RECORD_FILE, root / "meta/info.json"
+    for file in (record_file, info_file):
+        if not file.is_file():
+            raise DexFlexError(f"{root} is no dataset of dexflex-record: {file} not found. Check --root.")
+    record, info = json.loads(record_file.read_text()), json.loads(info_file.read_text())
+    names = info["features"].get("action", {}).get("names")
+    if names != columns(JOINTS)["action"].names or info["fps"] != FPS:
+        raise DexFlexError(
+            f"{root} holds another robot or rate: robot_type {info.get('robot_type')!r}, {info['fps']} fps. "
+            f"Replay needs leap_xarm7 at {FPS} fps, with joint targets and commanded fingertips as action."
+        )
+    tables = [
+        pq.read_table(f, columns=["episode_index", "action"]) for f in sorted(root.glob("data/*/*.parquet"))
+    ]
+    index = np.concatenate([table["episode_index"].to_numpy() for table in tables])
+    values = np.concatenate([np.stack(table["action"].to_numpy()) for table in tables])
+    seeds = tuple(record["episode_seeds"])
+    expert = (record["expert"]["successes"], record["expert"]["attempts"])
+    actions = tuple(values[index == k] for k in range(len(seeds)))
+    return Demonstrations(root, record["recipe"]["task"], seeds, actions, expert)
+
+
+class ReplayController:
+    """Plays recorded actions through an interface; holds the last one when they end.
+
+    Args:
+        actions: Recorded actions, shape (steps, 35).
+        interface: `joint` executes the joint targets; the others move the commanded fingertips to the
+            recorded ones, one displacement per step.
+    """
+
+    motion: Motion | None = None
+
+    def __init__(self, actions: NDArray[np.float32], interface: str) -> None:
+        self._actions = torch.from_numpy(np.array(actions, np.float64))
+        self._interface = make_interface(interface)
+        self._step = 0
+
+    def reset(self, seeds: Sequence[int]) -> None:
+        """Start from the first action."""
+        if len(seeds) != 1:
+            raise DexFlexError(f"A replay runs one episode at a time. Got {len(seeds)} seeds.")
+        self._interface.reset()
+        self._step = 0
+
+    def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
+        """Return the next joint targets [rad]. Shape (1, 23)."""
+        del task
+        action = self._actions[min(self._step, len(self._actions) - 1)]
+        self._step += 1
+        state = {"observation.state": torch.from_numpy(observation["agent_pos"]).double()}
+        joints, tips = action[: len(JOINTS)], action[len(JOINTS) :].view(1, 4, 3)
+        if self._interface.command_space == "joint":
+            draft = joints[None, None, _ARM:]
+        else:
+            draft = (tips - self._interface.start(state))[:, None]
+        hand = self._interface.step(state, draft)
+        return torch.cat([joints[None, :_ARM], hand], dim=1).numpy()
+
+
+def replay(
+    demonstrations: Demonstrations, interface: str, workers: int = 2, quiet: bool = False
+) -> list[Outcome]:
+    """Replay every episode from its own initial state.
+
+    Args:
+        demonstrations: What to replay.
+        interface: Name of the interface.
+        workers: Worker processes; 0 replays in this process.
+        quiet: Show no progress bar.
+    """
+    numbers = iter(range(len(demonstrations.seeds)))
+    job = functools.partial(_replay_one, str(demonstrations.root), interface)
+    outcomes = []
+    with tqdm(total=len(demonstrations.seeds), unit="episode", desc=interface, disable=quiet) as bar:
+        for outcome in run_numbered(job, lambda running: next(numbers, None), workers):
+            outcomes.append(outcome)
+            bar.set_postfix_str(f"{sum(o.success for o in outcomes)}/{len(outcomes)}")
+            bar.update()
+    return sorted(outcomes, key=lambda o: o.episode)
+
+
+@functools.cache
+def _loaded(root: str) -> tuple[Demonstrations, gymnasium.Env]:
+    torch.set_num_threads(1)
+    demonstrations = load_demonstrations(Path(root))
+    name = f"{NAMESPACE}/{demonstrations.task}"
+    return demonstrations, gymnasium.make(name, cameras=(), disable_env_checker=True)
+
+
+def _replay_one(root: str, interface: str, episode: int) -> Outcome:
+    demonstrations, env = _loaded(root)
+    controller = ReplayController(demonstrations.actions[episode], interface)
+    seed = demonstrations.seeds[episode]
+    [recorder] = run_group([env], controller, [seed])
+    return recorder.outcome(interface, episode, seed, (episode, episode + 1))

@@ -1,0 +1,1 @@
+"""Tables, plots, videos and the HTML page of a comparison; nothing here changes an episode."""

@@ -1,0 +1,75 @@
+"""Log an episode as a rerun recording: images, taxels, drafts against executed fingertips, success."""
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from lerobot_dexflex.evaluation.outcome import Motion, Outcome
+from lerobot_dexflex.hand.touch import touch_strip
+
+_DRAFT, _EXECUTED, _MEASURED = (235, 150, 50), (70, 140, 240), (150, 150, 150)
+
+
+class RerunLog:
+    """Writes one `.rrd` file; files of the same episode open as one recording, one branch per interface.
+
+    Args:
+        path: The recording; its folder is created.
+        interface: Root of the entity paths.
+        episode: Episode, names the recording.
+    """
+
+    def __init__(self, path: Path, interface: str, episode: int) -> None:
+        import rerun as rr
+
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._rr, self._root, self._step = rr, interface, 0
+        self._stream = rr.RecordingStream("lerobot_dexflex", recording_id=f"episode-{episode:04d}")
+        self._stream.save(path)
+
+    def watch(
+        self, env: gymnasium.Env, observation: Any, info: dict[str, Any], motion: Motion | None
+    ) -> None:
+        """Log the state after a step."""
+        rr = self._rr
+        self._stream.set_time("step", sequence=self._step)
+        self._stream.set_time("time", duration=self._step / env.metadata["render_fps"])
+        for camera, image in observation["pixels"].items():
+            self._log(f"camera/{camera}", rr.Image(image))
+        self._log("touch", rr.Image(touch_strip(observation["tactile"])))
+        for finger, force in zip(("if", "mf", "rf", "th"), _forces(observation), strict=True):
+            self._log(f"touch_force/{finger}", rr.Scalars(force))
+        self._log("progress", rr.Scalars(float(info["progress"])))
+        self._log("success", rr.Scalars(float(info["is_success"])))
+        measured = np.asarray(observation["fingertips"]).reshape(4, 3)
+        self._log("palm/measured", rr.Points3D(measured, colors=_MEASURED, radii=0.004))
+        if motion is not None:
+            self._log_motion(motion)
+        self._step += 1
+
+    def close(self, outcome: Outcome) -> None:
+        """Add the outcome and finish the file."""
+        self._log("outcome", self._rr.TextLog(f"{outcome.ending} after {outcome.steps} steps"))
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def _log_motion(self, motion: Motion) -> None:
+        rr, before = self._rr, motion.command - motion.executed
+        self._log("palm/command", rr.Points3D(motion.command, colors=_EXECUTED, radii=0.003))
+        for name, vectors, colour in (
+            ("draft", motion.draft, _DRAFT),
+            ("executed", motion.executed, _EXECUTED),
+        ):
+            arrows = rr.Arrows3D(origins=before, vectors=10 * vectors, colors=colour, radii=0.001)
+            self._log(f"palm/{name}", arrows)
+        self._log("intervention", rr.Scalars(motion.magnitude()))
+
+    def _log(self, entity: str, value: Any) -> None:
+        self._stream.log(f"{self._root}/{entity}", value)
+
+
+def _forces(observation: Any) -> list[float]:
+    """Return the summed taxel force of each finger [N]."""
+    return [float(f) for f in np.asarray(observation["tactile"]).reshape(4, -1).sum(1)]

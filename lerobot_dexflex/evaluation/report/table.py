@@ -1,0 +1,97 @@
+"""The Markdown tables of a comparison."""
+
+from typing import Any
+
+_HEADER = (
+    "interface",
+    "success",
+    "95 % Wilson",
+    "progress",
+    "time to success [s]",
+    "drops",
+    "holding",
+    "intervention",
+)
+
+
+def markdown(result: dict[str, Any]) -> str:
+    """Return both tables, per interface and pairwise, with what they mean."""
+    n = result["n_episodes"]
+    first, last = result["seeds"]
+    return "\n\n".join(
+        [
+            f"{n} paired episodes per interface, seeds {first} to {last}, {result['identity']['env']}",
+            rates(result),
+            pairs(result),
+            "Progress is each episode's largest, drops per episode, holding the share of time with the "
+            "object in hand, intervention the mean ||executed - draft|| / ||draft||; means with bootstrap "
+            "95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm.",
+        ]
+    )
+
+
+def rates(result: dict[str, Any]) -> str:
+    """Return the table per interface."""
+    return _table(_HEADER, rate_rows(result))
+
+
+def rate_rows(result: dict[str, Any]) -> list[list[str]]:
+    """Return the cells of the table per interface."""
+    rows = []
+    for name, numbers in result["per_interface"].items():
+        low, high = numbers["pc_success_ci95"]
+        rows.append(
+            [
+                name,
+                f"{numbers['n_success']}/{numbers['n_episodes']} ({numbers['pc_success']:.0f} %)",
+                f"{low:.0f}-{high:.0f} %",
+                _mean(numbers["progress_max"], 2),
+                _mean(numbers["completion_time"], 1),
+                _mean(numbers["drops"], 2),
+                _mean(numbers["holding"], 2),
+                _mean(numbers["intervention"], 2),
+            ]
+        )
+    return rows
+
+
+PAIR_HEADER = ("pair", "only first", "only second", "McNemar p", "p (Holm)", "progress, second - first")
+
+
+def pairs(result: dict[str, Any]) -> str:
+    """Return the table of paired tests; empty for a single interface."""
+    rows = pair_rows(result)
+    return _table(PAIR_HEADER, rows) if rows else "One interface: nothing to compare."
+
+
+def pair_rows(result: dict[str, Any]) -> list[list[str]]:
+    """Return the cells of the table of paired tests."""
+    return [
+        [
+            f"{test['first']} vs {test['second']}",
+            str(test["only_first"]),
+            str(test["only_second"]),
+            f"{test['p_value']:.3g}",
+            f"{test['p_value_holm']:.3g}",
+            _mean(test["progress_gain"], 2, sign="+"),
+        ]
+        for test in result["pairwise"]
+    ]
+
+
+RATE_HEADER = _HEADER
+
+
+def _mean(metric: dict[str, Any] | None, digits: int, sign: str = "") -> str:
+    if metric is None:
+        return "-"
+    text = f"{metric['mean']:{sign}.{digits}f}"
+    if metric["ci95"] is None:
+        return text
+    low, high = (f"{bound:{sign}.{digits}f}" for bound in metric["ci95"])
+    return f"{text} [{low}, {high}]"
+
+
+def _table(header: tuple[str, ...], rows: list[list[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

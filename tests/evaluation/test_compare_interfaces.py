@@ -1,0 +1,54 @@
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).parents[2] / "eval/compare_interfaces.py"
+
+
+@pytest.fixture(scope="module")
+def script():
+    spec = importlib.util.spec_from_file_location("compare_interfaces", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--task", "PourTea-v0"], "Unknown task 'PourTea-v0'. Valid tasks: PlaceHammer-v0, Reach-v0."),
+        (
+            ["--interfaces", "joint", "telepathy"],
+            "Unknown interface 'telepathy'. Valid interfaces: joint, raw, filter",
+        ),
+        (
+            ["--joint-policy", "/nowhere"],
+            "No joint checkpoint at /nowhere: config.json, model.safetensors not found",
+        ),
+        (["--workers", "-1"], "`--workers` must not be negative. Got -1."),
+        (["--episodes", "0"], "`episodes` must be at least 1. Got 0."),
+    ],
+)
+def test_bad_input_gets_one_clear_line(script, capsys, arguments, message):
+    assert script.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert message in error
+
+
+def test_the_shipped_checkpoints_are_named_after_the_task(script):
+    assert script.shipped("PlaceHammer-v0", "draft").parts[-3:] == (
+        "policies",
+        "checkpoints",
+        "place_hammer_draft",
+    )
+
+
+def test_the_demo_suggests_the_command_that_extends_it(script):
+    options = script.parser().parse_args(["--demo"])
+    assert script.next_command(options) == (
+        "python eval/compare_interfaces.py --task PlaceHammer-v0 --interfaces joint raw filter --episodes 100"
+    )

@@ -1,0 +1,122 @@
+import json
+
+import numpy as np
+import pytest
+import torch
+from lerobot.configs import FeatureType
+from lerobot.envs.utils import env_to_policy_features
+from lerobot.policies.factory import make_pre_post_processors
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.policies import LeRobotPolicies, ObservedInterface
+from lerobot_dexflex.interfaces import make_interface
+from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
+from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig
+from lerobot_policy_dexflex.modeling_dexflex_flow import DexflexFlowPolicy
+
+
+@pytest.fixture(scope="module")
+def policies(tmp_path_factory):
+    """Untrained checkpoints of both action spaces."""
+    folder = tmp_path_factory.mktemp("checkpoints")
+    features = env_to_policy_features(DexflexEnvConfig())
+    statistics = {"mean": 0.0, "std": 0.3, "min": -0.5, "max": 0.5}
+    sizes = {"action": 35, "observation.state": 23, "observation.fingertips": 12}
+    stats = {key: {s: torch.full((n,), v) for s, v in statistics.items()} for key, n in sizes.items()}
+    for space, interface in (("joint", "joint"), ("draft", "raw")):
+        config = DexflexFlowConfig(interface=interface, device="cpu", dim=32, n_layers=1)
+        config.input_features = {k: f for k, f in features.items() if f.type is not FeatureType.ACTION}
+        config.output_features = {k: f for k, f in features.items() if f.type is FeatureType.ACTION}
+        DexflexFlowPolicy(config, dataset_stats=stats).save_pretrained(folder / space)
+        for processor in make_pre_post_processors(config):
+            processor.save_pretrained(folder / space)
+    return LeRobotPolicies(folder / "joint", folder / "draft")
+
+
+def observation(rows):
+    rng = np.random.default_rng(0)
+    images = {
+        name: rng.integers(0, 255, (1, 96, 96, 3), np.uint8).repeat(rows, 0) for name in ("front", "wrist")
+    }
+    vectors = {"agent_pos": np.full((rows, 23), 0.3), "tactile": np.zeros((rows, 240))}
+    more = {"fingertips": np.full((rows, 12), 0.05), "gravity": np.tile([0.0, 0, -1], (rows, 1))}
+    return {"pixels": images} | {key: value.astype(np.float32) for key, value in (vectors | more).items()}
+
+
+def act(controller, seeds, steps=10):
+    """Act past a second planning; shape (steps, rows, 23)."""
+    controller.reset(seeds)
+    return np.stack([controller.act(observation(len(seeds)), "task") for _ in range(steps)])
+
+
+@pytest.mark.parametrize("interface", ["joint", "raw", "filter"])
+def test_a_seed_repeats_its_episode_bit_for_bit_and_another_differs(policies, interface):
+    controller = policies(interface)
+    first, other, again = act(controller, [5]), act(controller, [6]), act(controller, [5])
+    assert first.shape == (10, 1, 23)
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first[0] - other[0]).max() > 1e-3
+
+
+def test_interfaces_that_read_drafts_get_the_same_plan(policies):
+    # Arm targets come straight from the plan; only the hand differs.
+    raw, filtered = act(policies("raw"), [5]), act(policies("filter"), [5])
+    np.testing.assert_array_equal(raw[..., :7], filtered[..., :7])
+    assert np.abs(raw[..., 7:] - filtered[..., 7:]).max() > 1e-3
+
+
+def test_a_row_does_not_depend_on_its_neighbours_noise(policies):
+    controller = policies("raw")
+    np.testing.assert_allclose(act(controller, [5, 6])[:, 0], act(controller, [5, 9])[:, 0], atol=1e-5)
+
+
+def test_joint_targets_have_no_draft_to_intervene_on(policies):
+    controller = policies("joint")
+    act(controller, [5], steps=1)
+    assert controller.motion is None
+
+
+def test_the_filter_changes_a_draft_by_what_it_clips_off():
+    # The first draft passes the low-pass as it is; 10 mm are clipped to 3 mm on x of the index finger.
+    interface = ObservedInterface(make_interface("filter"))
+    draft = torch.zeros(1, 8, 4, 3)
+    draft[0, 0, 0, 0] = 0.010
+    interface.step({"observation.state": torch.full((1, 23), 0.3)}, draft)
+    assert interface.motion is not None
+    assert interface.motion.draft[0, 0, 0] == pytest.approx(0.010)
+    assert interface.motion.executed[0, 0, 0] == pytest.approx(0.003)
+    assert interface.motion.row(0).magnitude() == pytest.approx(0.007 / 0.010001)
+
+
+def test_the_identity_names_one_checkpoint_for_all_drafts(policies):
+    identity = policies.identity(["joint", "raw", "filter"])
+    assert set(identity) == {"checkpoint.joint", "checkpoint.draft", "device"}
+    assert policies.identity(["raw"])["checkpoint.draft"] == identity["checkpoint.draft"]
+    assert identity["checkpoint.joint"] != identity["checkpoint.draft"]
+
+
+def test_the_card_of_a_checkpoint_is_not_its_identity_but_its_configuration_is(policies, tmp_path):
+    (tmp_path / "model.safetensors").write_bytes((policies.draft / "model.safetensors").read_bytes())
+    config = json.loads((policies.draft / "config.json").read_text())
+    moved = LeRobotPolicies(tmp_path, tmp_path)
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    before = moved.identity(["raw"])
+    (tmp_path / "README.md").write_text("A card.")
+    assert moved.identity(["raw"]) == before
+    (tmp_path / "config.json").write_text(json.dumps(config | {"euler_steps": 2}))
+    assert moved.identity(["raw"]) != before
+
+
+def test_a_checkpoint_of_another_action_space_is_refused(policies):
+    swapped = LeRobotPolicies(policies.draft, policies.joint)
+    with pytest.raises(
+        DexFlexError, match="learned the action space 'draft', but this interface executes 'joint'"
+    ):
+        swapped.identity(["joint"])
+
+
+def test_a_missing_checkpoint_says_how_to_train_it(policies, tmp_path):
+    with pytest.raises(
+        DexFlexError, match=r"No draft checkpoint at .*lerobot-train .*--policy.interface=raw"
+    ):
+        LeRobotPolicies(policies.joint, tmp_path).identity(["joint", "raw"])
