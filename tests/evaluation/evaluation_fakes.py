@@ -15,7 +15,10 @@ ENV_ID = "dexflex_fake/Count-v0"
 class CountEnv(gymnasium.Env):
     """Progress grows by the first action's value / 10; 1.0 is success, a negative action drops the object."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 20}
+    metadata: ClassVar[dict[str, Any]] = {  # pyright: ignore[reportIncompatibleVariableOverride]
+        "render_modes": ["rgb_array"],
+        "render_fps": 20,
+    }
     task_description = "count"
     observation_space = spaces.Dict(
         {

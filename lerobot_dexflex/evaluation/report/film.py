@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from lerobot_dexflex.evaluation.outcome import Motion, Outcome
-from lerobot_dexflex.hand.touch import touch_strip
+from lerobot_dexflex.hand.touch_image import FULL_SCALE, touch_strip
 
 STRIDE = 2
 """Every second control step is filmed ..."""
@@ -106,12 +106,12 @@ def _frame(env: gymnasium.Env, observation: Any) -> NDArray[np.uint8]:
         canvas.paste(wrist, (_FRONT, 0))
     draw = ImageDraw.Draw(canvas)
     draw.text((_FRONT + 6, _WRIST + 6), "wrist camera", fill=(150, 155, 165), font=_font(10))
-    draw.text((_FRONT + 6, _FRONT - 16), "touch, 0-0.3 N", fill=(150, 155, 165), font=_font(10))
+    legend = f"touch, 0-{FULL_SCALE:g} N:\nindex, middle,\nring, thumb"
+    draw.text((_FRONT + 6, _FRONT + 8), legend, fill=(150, 155, 165), font=_font(10))
     strip = Image.fromarray(touch_strip(observation["tactile"]))
     height = _STRIP - 8
     width = round(strip.width * height / strip.height)
-    left = (_FRONT + _WRIST - width) // 2
-    canvas.paste(strip.resize((width, height), Image.Resampling.NEAREST), (left, _FRONT + 4))
+    canvas.paste(strip.resize((width, height), Image.Resampling.NEAREST), (_FRONT - width, _FRONT + 4))
     return np.asarray(canvas)
 
 

@@ -1,0 +1,86 @@
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import torch
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.replay import ReplayController, load_demonstrations
+from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hand.model import JOINTS
+from lerobot_dexflex.recording.schema import columns
+
+STATE = np.full((1, 23), 0.3, np.float32)
+
+
+@pytest.fixture
+def actions():
+    """Three steps in which every joint moves by 0.02 rad, with the fingertips of those joints."""
+    joints = 0.3 + 0.02 * np.arange(1, 4)[:, None].repeat(23, 1)
+    tips = fingertips(torch.as_tensor(joints[:, 7:])).reshape(3, 12).numpy()
+    return np.concatenate([joints, tips], axis=1).astype(np.float32)
+
+
+@pytest.fixture
+def dataset(tmp_path, actions):
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "data/chunk-000").mkdir(parents=True)
+    record = {
+        "episode_seeds": [4, 7],
+        "expert": {"successes": 2, "attempts": 3},
+        "recipe": {"task": "PlaceHammer-v0"},
+    }
+    info = {
+        "fps": 20,
+        "robot_type": "leap_xarm7",
+        "features": {"action": {"names": columns(JOINTS)["action"].names}},
+    }
+    (tmp_path / "meta/recording.json").write_text(json.dumps(record))
+    (tmp_path / "meta/info.json").write_text(json.dumps(info))
+    table = {"episode_index": [0, 1, 1], "action": list(actions)}
+    pq.write_table(pa.table(table), tmp_path / "data/chunk-000/file-000.parquet")
+    return tmp_path
+
+
+def play(actions, interface, steps):
+    controller = ReplayController(actions, interface)
+    controller.reset([0])
+    return controller, np.concatenate([controller.act({"agent_pos": STATE}, "task") for _ in range(steps)])
+
+
+def test_joint_replays_the_recorded_targets_and_then_holds_the_last(actions):
+    _, played = play(actions, "joint", 5)
+    np.testing.assert_allclose(played[:3], actions[:, :23], atol=1e-6)
+    np.testing.assert_array_equal(played[3:], played[2:3].repeat(2, 0))
+
+
+def test_raw_moves_the_commanded_fingertips_onto_the_recorded_ones(actions):
+    controller, played = play(actions, "raw", 3)
+    command = controller._interface.command
+    assert command is not None
+    np.testing.assert_allclose(command[0].reshape(-1), actions[2, 23:], atol=1e-7)
+    np.testing.assert_allclose(played[:, :7], actions[:, :7], atol=1e-6)
+    reached = fingertips(torch.as_tensor(played[-1:, 7:])).reshape(-1)
+    np.testing.assert_allclose(reached, actions[2, 23:], atol=5e-4)
+
+
+def test_episodes_are_read_with_their_seeds_and_the_experts_record(dataset, actions):
+    demonstrations = load_demonstrations(dataset)
+    assert demonstrations.seeds == (4, 7)
+    assert demonstrations.expert == (2, 3)
+    np.testing.assert_array_equal(demonstrations.actions[0], actions[:1])
+    np.testing.assert_array_equal(demonstrations.actions[1], actions[1:])
+
+
+def test_a_folder_without_a_recording_is_refused(tmp_path):
+    with pytest.raises(DexFlexError, match=r"no dataset of dexflex-record: .*recording.json not found"):
+        load_demonstrations(tmp_path)
+
+
+def test_a_dataset_of_another_rate_is_refused(dataset):
+    info = json.loads((dataset / "meta/info.json").read_text())
+    (dataset / "meta/info.json").write_text(json.dumps(info | {"fps": 30}))
+    with pytest.raises(DexFlexError, match="30 fps"):
+        load_demonstrations(dataset)
