@@ -9,7 +9,7 @@ help:  ## List the targets.
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-8s %s\n", $$1, $$2}'
 
 demo: $(READY)  ## Compare the action interfaces on the shipped policies (5 minutes on 2 cores).
-	$(PYTHON) eval/compare_interfaces.py
+	$(PYTHON) eval/compare_interfaces.py --demo
 
 test: $(READY)  ## Run all tests on 2 cores (under 10 minutes).
 	$(PYTHON) -m pytest --numprocesses=2 --dist=worksteal

@@ -124,7 +124,9 @@ def run(comparison: Any, workers: int) -> tuple[dict[str, Any], Path]:
 
 def next_command(options: argparse.Namespace) -> str:
     """Return the command that extends the demo to the full comparison, re-using its episodes."""
-    words = ["python", "eval/compare_interfaces.py", f"--task {options.task}"]
+    python = Path(sys.executable)
+    local = python.relative_to(Path.cwd()) if python.is_relative_to(Path.cwd()) else python
+    words = [str(local), "eval/compare_interfaces.py", f"--task {options.task}"]
     return " ".join([*words, f"--interfaces {' '.join(options.interfaces)}", "--episodes 100"])
 
 
