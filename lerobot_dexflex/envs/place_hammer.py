@@ -77,7 +77,7 @@ class PlaceHammerEnv(HandEnv):
         add_studio(spec)
         add_table(spec)
         palm = robot.add_hand(spec, robot.add_arm(spec), tip_friction=(episode.tip_friction, 0.005, 0.0001))
-        add_touch(spec)
+        add_touch(spec, self._touch_config)
         add_camera(spec, "front", position=(1.08, -0.50, 0.62), target=(0.56, 0.0, 0.19), fovy=40)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         _add_cradle(spec, episode)

@@ -37,7 +37,7 @@ HAMMER_UPRIGHT = np.array([[-1.0, 0, 0], [0, -1.0, 0], [0, 0, 1.0]])
 """Orientation of the hanging hammer: head up, palm facing the holder."""
 GRASP_RANGE = (-0.012, -0.002)
 """Where along the handle the hand grips, from its centre toward the head [m]."""
-_ARM_NOISE, _HAND_NOISE = 0.006, 0.01
+_ARM_NOISE, _HAND_NOISE = 0.010, 0.010
 
 
 def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Command]:
