@@ -8,6 +8,7 @@ Interrupt with Ctrl-C and run the same command again to continue; a larger --epi
 import argparse
 import dataclasses
 import os
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.rerun:
         print(f"Recordings: rerun {comparison.output}/rerun/0000_*.rrd")
     if options.demo:
-        print(f"Next: {next_command(options)}")
+        print(f"Next: {next_command(sys.argv[1:] if arguments is None else arguments)}")
     return 0
 
 
@@ -122,12 +123,12 @@ def run(comparison: Any, workers: int) -> tuple[dict[str, Any], Path]:
     return result, write_report(result, outcomes, comparison.output, comparison.videos)
 
 
-def next_command(options: argparse.Namespace) -> str:
+def next_command(arguments: list[str]) -> str:
     """Return the command that extends the demo to the full comparison, re-using its episodes."""
     python = Path(sys.executable)
     local = python.relative_to(Path.cwd()) if python.is_relative_to(Path.cwd()) else python
-    words = [str(local), "eval/compare_interfaces.py", f"--task {options.task}"]
-    return " ".join([*words, f"--interfaces {' '.join(options.interfaces)}", "--episodes 100"])
+    kept = [word for word in arguments if word != "--demo"]
+    return shlex.join([str(local), "eval/compare_interfaces.py", *kept, "--episodes", "100"])
 
 
 if __name__ == "__main__":

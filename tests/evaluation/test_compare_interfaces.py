@@ -49,7 +49,6 @@ def test_the_shipped_checkpoints_are_named_after_the_task(script):
 
 def test_the_demo_suggests_the_command_that_extends_it(script, monkeypatch):
     monkeypatch.setattr(script.sys, "executable", str(Path.cwd() / ".venv/bin/python"))
-    options = script.parser().parse_args(["--demo"])
-    assert script.next_command(options) == (
-        ".venv/bin/python eval/compare_interfaces.py --task PlaceHammer-v0 --interfaces joint raw filter --episodes 100"
+    assert script.next_command(["--seed", "7", "--demo"]) == (
+        ".venv/bin/python eval/compare_interfaces.py --seed 7 --episodes 100"
     )
