@@ -10,8 +10,9 @@ from lerobot_dexflex.interfaces.raw import RawInterface
 
 SMOOTHING = 0.4
 """Weight of the newest displacement in the one-pole low-pass: a time constant of about two control steps."""
-CLIP = 0.003
-"""Largest displacement per axis and control step [m]; 0.06 m/s at 20 Hz."""
+CLIP = 0.006
+"""Largest displacement per axis and control step [m]: just above the fastest demonstrated motion, 5.1 mm, so
+that a clean command passes."""
 
 
 class FilterInterface:

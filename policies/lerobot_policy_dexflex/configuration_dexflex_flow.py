@@ -51,6 +51,7 @@ class DexflexFlowConfig(PreTrainedConfig):
     noise_draws: int = 4
     """Pairs of time and noise per sample and step; they share the image encoder, the most expensive part."""
     euler_steps: int = 8
+    """Integration steps from noise to a chunk, at most 10."""
 
     # Augmentation, in training only
     image_shift: int = 0
@@ -69,7 +70,7 @@ class DexflexFlowConfig(PreTrainedConfig):
     # Optimisation
     ema_decay: float = 0.999
     """Decay of the running average of the weights, which acts at evaluation."""
-    optimizer_lr: float = 1e-3
+    optimizer_lr: float = 2e-3
     optimizer_weight_decay: float = 1e-2
     optimizer_grad_clip_norm: float = 1.0
     warmup_fraction: float = 0.02
@@ -104,8 +105,21 @@ class DexflexFlowConfig(PreTrainedConfig):
                 f"`n_action_steps` must be between 1 and `chunk_size` ({self.chunk_size}). "
                 f"Got {self.n_action_steps}."
             )
+        if self.chunk_size % 2:
+            raise DexFlexError(f"`chunk_size` must be even. Got {self.chunk_size}.")
         if self.dim % self.n_heads:
             raise DexFlexError(f"`dim` must be a multiple of `n_heads` ({self.n_heads}). Got {self.dim}.")
+        for name in ("noise_draws", "euler_steps", "n_layers", "n_keypoints"):
+            if getattr(self, name) < 1:
+                raise DexFlexError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
+        if self.euler_steps > 10:
+            raise DexFlexError(
+                f"`euler_steps` must be at most 10, as flow times beyond 0.9 are not trained. "
+                f"Got {self.euler_steps}."
+            )
+        for name in ("touch_dropout", "ema_decay", "warmup_fraction"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise DexFlexError(f"`{name}` must be in [0, 1]. Got {getattr(self, name)}.")
         if any(mode is not NormalizationMode.IDENTITY for mode in self.normalization_mapping.values()):
             raise DexFlexError(
                 "`normalization_mapping` must be IDENTITY for every type: the policy normalises inside. "

@@ -17,7 +17,7 @@ from lerobot_policy_dexflex.compatibility import check_dataset
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
 from lerobot_policy_dexflex.drafts import displacement_draft, joint_draft
 from lerobot_policy_dexflex.encoders import Observation
-from lerobot_policy_dexflex.flow_network import FlowNetwork
+from lerobot_policy_dexflex.flow_network import LAST_TIME, FlowNetwork
 from lerobot_policy_dexflex.normalization import Normalization, compress_touch
 
 HAND_JOINTS = 16
@@ -124,7 +124,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         """Draw times, stratified over the draws of a sample, and noise."""
         draws, batch = self.config.noise_draws, len(x_1)
         stratum = torch.arange(draws, device=x_1.device).unsqueeze(1)
-        t = (stratum + torch.rand(draws, batch, device=x_1.device)) / draws
+        t = LAST_TIME * (stratum + torch.rand(draws, batch, device=x_1.device)) / draws
         return t, torch.randn(draws, *x_1.shape, device=x_1.device)
 
     def _observe(self, batch: Mapping[str, Any]) -> Observation:

@@ -1,0 +1,168 @@
+import pytest
+import torch
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
+from lerobot_dexflex.interfaces import (
+    DRAFT_HORIZON,
+    INTERFACES,
+    FilterInterface,
+    JointInterface,
+    RawInterface,
+    make_interface,
+)
+
+STATE = "observation.state"
+DRAFT_INTERFACES = ("raw", "filter")
+
+
+def hand_poses(rows, seed=0):
+    """Half-closed hands, well inside the joint limits."""
+    generator = torch.Generator().manual_seed(seed)
+    nominal = torch.tensor([0.8, 0.0, 0.5, 0.4] * 3 + [1.2, 0.2, 0.4, 0.4], dtype=torch.float64)
+    return nominal + 0.1 * torch.randn(rows, 16, generator=generator, dtype=torch.float64)
+
+
+def observation(rows, seed=0, arm=7):
+    return {STATE: torch.cat([torch.zeros(rows, arm, dtype=torch.float64), hand_poses(rows, seed)], 1)}
+
+
+def drafts(name, rows, seed=1, size=0.002):
+    generator = torch.Generator().manual_seed(seed)
+    if INTERFACES[name]().command_space == "joint":
+        return hand_poses(rows * DRAFT_HORIZON, seed).view(rows, DRAFT_HORIZON, 16)
+    return size * torch.randn(rows, DRAFT_HORIZON, 4, 3, generator=generator, dtype=torch.float64)
+
+
+def test_joint_returns_the_first_targets_and_knows_where_they_put_the_fingertips():
+    interface, draft = JointInterface(), drafts("joint", 2)
+    assert torch.equal(interface.step(observation(2), draft), draft[:, 0])
+    torch.testing.assert_close(interface.command, fingertips(draft[:, 0]))
+
+
+@pytest.mark.parametrize("arm", [0, 7])
+def test_raw_moves_the_commanded_fingertips_by_exactly_the_first_displacement(arm):
+    interface, draft = RawInterface(), drafts("raw", 3)
+    measured = observation(3, arm=arm)[STATE][:, -16:]
+    joints = interface.step(observation(3, arm=arm), draft)
+    wanted = fingertips(measured) + draft[:, 0]
+    torch.testing.assert_close(interface.command, wanted)
+    torch.testing.assert_close(joints, solve_fingertips(wanted, measured))
+
+
+def test_raw_ties_the_posture_to_the_previous_command_and_not_to_the_measured_hand():
+    interface, draft = RawInterface(), drafts("raw", 1)
+    first = interface.step(observation(1), draft)
+    second = interface.step(observation(1, seed=5), draft)
+    expected = solve_fingertips(fingertips(observation(1)[STATE][:, -16:]) + 2 * draft[:, 0], first)
+    torch.testing.assert_close(second, expected)
+
+
+def test_raw_replays_recorded_commanded_fingertips_to_the_recorded_joints():
+    joints, interface = hand_poses(1), RawInterface()
+    start = {STATE: joints}
+    recorded, command = [], fingertips(joints)
+    steps = drafts("raw", 20, size=0.003)[:, :1]
+    for k in range(20):
+        command = command + steps[k]
+        joints = solve_fingertips(command, joints)
+        recorded.append(joints)
+    replayed = [interface.step(start, steps[k : k + 1]) for k in range(20)]
+    torch.testing.assert_close(torch.stack(replayed), torch.stack(recorded), rtol=0, atol=1e-9)
+
+
+def test_filter_averages_with_its_weight_and_then_clips_each_axis():
+    interface = FilterInterface(smoothing=0.25, clip=0.002)
+    start = fingertips(observation(1)[STATE][:, -16:])
+    first, second = torch.zeros(2, 1, DRAFT_HORIZON, 4, 3, dtype=torch.float64)
+    first[..., 0], second[..., 0], second[..., 1] = 0.001, 0.005, -0.020
+    interface.step(observation(1), first)
+    interface.step(observation(1), second)
+    # Averages after the second step: x 0.75 * 1 + 0.25 * 5 = 2 mm, y 0.25 * -20 = -5 mm, clipped to -2 mm.
+    moved = torch.tensor([0.001 + 0.002, -0.002, 0.0], dtype=torch.float64).expand(1, 4, 3)
+    torch.testing.assert_close(interface.command - start, moved)
+
+
+def test_filter_without_smoothing_and_clip_is_raw():
+    ours, raw, draft = FilterInterface(smoothing=1, clip=1), RawInterface(), drafts("raw", 2)
+    for k in range(3):
+        assert torch.equal(ours.step(observation(2, k), draft), raw.step(observation(2, k), draft))
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_a_batch_does_what_its_rows_do_alone(name):
+    together, alone = make_interface(name), [make_interface(name) for _ in range(3)]
+    for k in range(4):
+        seen, draft = observation(3, seed=k), drafts(name, 3, seed=10 + k)
+        rows = [alone[i].step({STATE: seen[STATE][i : i + 1]}, draft[i : i + 1]) for i in range(3)]
+        torch.testing.assert_close(together.step(seen, draft), torch.cat(rows), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_resetting_a_row_restarts_that_row_only(name):
+    ours, untouched, restarted = (make_interface(name) for _ in range(3))
+    for interface in (ours, untouched):
+        interface.step(observation(2), drafts(name, 2))
+    ours.reset(torch.tensor([False, True]))
+    seen, draft = observation(2, seed=3), drafts(name, 2, seed=4)
+    result = ours.step(seen, draft)
+    torch.testing.assert_close(result[0], untouched.step(seen, draft)[0])
+    torch.testing.assert_close(result[1], restarted.step(seen, draft)[1])
+    assert ours.command is not None
+    torch.testing.assert_close(ours.command[1], restarted.command[1])
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_the_command_begins_at_the_measured_hand_and_is_unknown_before(name):
+    interface = make_interface(name)
+    assert interface.command is None
+    torch.testing.assert_close(interface.start(observation(2)), fingertips(observation(2)[STATE][:, -16:]))
+    interface.step(observation(2), drafts(name, 2))
+    interface.reset()
+    assert interface.command is None
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_targets_keep_the_dtype_and_work_across_inference_mode(name):
+    interface, draft = make_interface(name), drafts(name, 2).float()
+    with torch.inference_mode():
+        assert interface.step(observation(2), draft).dtype == torch.float32
+    interface.reset(torch.tensor([True, False]))
+    interface.step(observation(2), draft)
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_bad_input_is_refused_and_leaves_the_command_alone(name):
+    interface, draft = make_interface(name), drafts(name, 2)
+    interface.step(observation(2), draft)
+    before = interface.command
+    broken = draft.clone()
+    broken[1, 0] = torch.nan
+    blind = observation(2)
+    blind[STATE][0, -1] = torch.inf
+    cases = [
+        (observation(2), broken, r"NaN or infinity in rows \[1\]"),
+        (blind, draft, r"'observation.state' holds NaN or infinity in rows \[0\]"),
+        ({}, draft, "lacks 'observation.state'"),
+        ({STATE: torch.zeros(2, 12)}, draft, r"shape \(batch, >= 16\)"),
+        (observation(2), draft[:, 0], "A draft must have shape"),
+        (observation(2), draft[:1], "A draft must have shape"),
+        (observation(3), drafts(name, 3), "from 2 to 3 hands without a reset"),
+    ]
+    for seen, bad, message in cases:
+        with pytest.raises(DexFlexError, match=message):
+            interface.step(seen, bad)
+    assert torch.equal(interface.command, before)
+    with pytest.raises(DexFlexError, match="one bool per row"):
+        interface.reset(torch.tensor([True]))
+
+
+def test_an_unknown_interface_is_refused_with_the_valid_names():
+    with pytest.raises(DexFlexError, match=r"'psychic'\. Valid interfaces: joint, raw, filter"):
+        make_interface("psychic")
+
+
+@pytest.mark.parametrize(("smoothing", "clip"), [(0, 0.003), (1.5, 0.003), (0.4, 0)])
+def test_filter_refuses_senseless_constants(smoothing, clip):
+    with pytest.raises(ValueError, match="must be"):
+        FilterInterface(smoothing, clip)

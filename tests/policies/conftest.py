@@ -1,0 +1,45 @@
+import pytest
+import torch
+
+
+@pytest.fixture(scope="session")
+def tiny():
+    """Settings that make the network small and the test quick."""
+    return {"dim": 64, "n_layers": 2, "n_heads": 2, "n_keypoints": 8, "device": "cpu", "push_to_hub": False}
+
+
+@pytest.fixture
+def build(synthetic_dataset, tiny):
+    """Return a function that makes a fresh policy for the synthetic dataset."""
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+    from lerobot.policies import make_policy
+
+    from lerobot_policy_dexflex import DexflexFlowConfig
+
+    def build_policy(meta=None, **settings):
+        torch.manual_seed(0)
+        config = DexflexFlowConfig(**{**tiny, "cache_dataset": False, **settings})
+        meta = meta or LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
+        return make_policy(config, ds_meta=meta)
+
+    return build_policy
+
+
+@pytest.fixture(scope="session")
+def samples(synthetic_dataset):
+    """Return a batch of 16 samples as a training sees them, spread over the episodes."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    windows = {"action": [k / 20 for k in range(16)]}
+    dataset = LeRobotDataset(
+        "lerobot-dexflex/synthetic", root=synthetic_dataset, delta_timestamps=windows, video_backend="pyav"
+    )
+    rows = range(0, len(dataset), len(dataset) // 16)
+    return torch.utils.data.default_collate([dataset[row] for row in list(rows)[:16]])
+
+
+@pytest.fixture(scope="session")
+def observation(samples):
+    """Return the observations of four samples of three episodes, without actions."""
+    rows = [0, 4, 8, 14]
+    return {key: value[rows] for key, value in samples.items() if key.startswith("observation.")}

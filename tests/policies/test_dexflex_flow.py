@@ -1,0 +1,205 @@
+import numpy as np
+import pytest
+import torch
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.interfaces.filter import CLIP
+
+
+def noise(policy, rows=4, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    return torch.randn(rows, 16, len(policy.normalization.columns), generator=generator)
+
+
+def train(policy, samples, steps, lr=2e-3):
+    policy.train()
+    optimizer = torch.optim.AdamW(policy.get_optim_params(), lr)
+    losses = []
+    for _ in range(steps):
+        loss, _ = policy.forward(samples)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        policy.update()
+        losses.append(loss.item())
+    policy.eval()
+    return losses
+
+
+@pytest.fixture(scope="module")
+def trained(synthetic_dataset, tiny, samples):
+    """Policies of both action spaces that have fitted the 16 samples."""
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+    from lerobot.policies import make_policy
+
+    from lerobot_policy_dexflex import DexflexFlowConfig
+
+    policies = {}
+    for interface in ("joint", "raw"):
+        torch.manual_seed(0)
+        config = DexflexFlowConfig(**tiny, interface=interface, cache_dataset=False)
+        meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
+        policy = make_policy(config, ds_meta=meta)
+        policies[interface] = policy, train(policy, samples, 250)
+    return policies
+
+
+@pytest.mark.parametrize("interface", ["joint", "raw"])
+def test_the_loss_falls_to_a_fraction_when_a_few_samples_are_fitted(trained, interface):
+    _, losses = trained[interface]
+    # A network that knows nothing names 0 as the clean chunk x_1, of unit variance, and errs by x_1 over
+    # 1 - t: averaged over t in [0, 0.9] that is (1 / 0.9) * (1 / (1 - 0.9) - 1) = 10.
+    assert losses[0] == pytest.approx(10, rel=0.4)
+    assert np.mean(losses[-20:]) < 0.1 * losses[0]
+
+
+@pytest.mark.parametrize("interface", ["joint", "raw"])
+def test_fitted_chunks_lie_close_to_the_demonstrated_ones(trained, samples, interface):
+    policy, _ = trained[interface]
+    predicted = policy.predict_action_chunk(samples, noise(policy, 16))
+    target = samples["action"][..., policy.normalization.columns]
+    valid = ~samples["action_is_pad"]
+    error = (predicted - target).abs()[valid] / policy.normalization.action.std
+    assert error.mean() < 0.35  # An ignorant prediction, the mean, is off by about 0.8 standard deviations.
+
+
+def test_the_draft_checkpoint_learns_arm_joints_and_fingertips_the_other_all_joints(trained):
+    assert trained["joint"][0].normalization.columns == list(range(23))
+    assert trained["raw"][0].normalization.columns == [*range(7), *range(23, 35)]
+    assert trained["raw"][0].config.action_space == "draft"
+
+
+def test_select_action_returns_joint_targets_and_executes_each_chunk_eight_times(trained, observation):
+    policy, _ = trained["joint"]
+    policy.reset()
+    chunk = policy.predict_action_chunk(observation, noise(policy))
+    for k in range(8):
+        assert torch.equal(policy.select_action(observation, noise(policy)), chunk[:, k])
+    replanned = policy.select_action(observation, noise(policy, seed=1))
+    assert torch.equal(replanned, policy.predict_action_chunk(observation, noise(policy, seed=1))[:, 0])
+
+
+def test_raw_execution_commands_exactly_the_planned_fingertips(trained, observation):
+    policy, _ = trained["raw"]
+    policy.reset()
+    chunk = policy.predict_action_chunk(observation, noise(policy))
+    for k in range(8):
+        targets = policy.select_action(observation, noise(policy))
+        assert targets.shape == (4, 23)
+        assert torch.equal(targets[:, :7], chunk[:, k, :7])
+        planned = chunk[:, k, 7:].double().view(4, 4, 3)
+        torch.testing.assert_close(policy.interface.command, planned, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("interface", ["joint", "raw"])
+def test_a_batch_acts_as_its_rows_do_alone(trained, observation, interface):
+    policy, _ = trained[interface]
+
+    def act(rows):
+        policy.reset()
+        seen = {key: value[rows] for key, value in observation.items()}
+        return torch.stack([policy.select_action(seen, noise(policy)[rows]) for _ in range(10)])
+
+    together = act(slice(0, 4))
+    alone = torch.cat([act(slice(i, i + 1)) for i in range(4)], 1)
+    torch.testing.assert_close(together, alone, rtol=0, atol=2e-5)
+
+
+@pytest.mark.parametrize("interface", ["joint", "raw"])
+def test_a_reloaded_policy_acts_bit_for_bit_alike(trained, observation, interface, tmp_path):
+    policy, _ = trained[interface]
+    policy.save_pretrained(tmp_path)
+    again = type(policy).from_pretrained(tmp_path)
+    assert again.config.action_space == policy.config.action_space
+    for instance in (policy, again):
+        instance.reset()
+    for _ in range(9):
+        expected = policy.select_action(observation, noise(policy))
+        assert torch.equal(again.select_action(observation, noise(policy)), expected)
+    assert all(torch.equal(a, b) for a, b in zip(again.parameters(), policy.parameters(), strict=True))
+
+
+def test_the_interface_is_switched_at_evaluation_within_its_action_space(trained, tmp_path):
+    from lerobot.configs import PreTrainedConfig
+
+    policy, _ = trained["raw"]
+    policy.save_pretrained(tmp_path)
+    switched = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=filter"])
+    assert type(policy).from_pretrained(tmp_path, config=switched).interface.name == "filter"
+    refused = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=joint"])
+    with pytest.raises(DexFlexError, match=r"learned 'draft'.*--policy.interface=raw|filter"):
+        type(policy).from_pretrained(tmp_path, config=refused)
+
+
+def test_evaluation_uses_the_running_average_and_training_the_weights(build, samples, observation):
+    policy = build()
+    train(policy, samples, 5)
+    average = [value.clone() for value in policy.average.parameters()]
+    before = policy.predict_action_chunk(observation, noise(policy))
+    with torch.no_grad():
+        for value in policy.network.parameters():
+            value.add_(1.0)
+    assert torch.equal(policy.predict_action_chunk(observation, noise(policy)), before)
+    assert all(torch.equal(a, b) for a, b in zip(average, policy.average.parameters(), strict=True))
+    # The sixth update keeps (1 + 6) / (10 + 6) of the average.
+    policy.update()
+    moved = torch.lerp(next(policy.network.parameters()), average[0], 7 / 16)
+    torch.testing.assert_close(next(policy.average.parameters()), moved)
+
+
+def test_the_optimiser_gets_the_weights_and_never_the_average(build, samples):
+    policy = build()
+    policy.forward(samples)[0].backward()
+    optimised = {id(value) for value in policy.get_optim_params()}
+    assert not optimised & {id(value) for value in policy.average.parameters()}
+    assert all(value.grad is None for value in policy.average.parameters())
+
+
+def test_padded_actions_do_not_count(build, samples):
+    policy = build(noise_draws=1).eval()
+    spoiled = {**samples, "action": samples["action"].clone()}
+    spoiled["action"][samples["action_is_pad"]] += 100
+    assert samples["action_is_pad"].any()
+    # At the start the network answers 0 whatever the action, so only the masked targets could differ.
+    losses = []
+    for batch in (samples, spoiled):
+        torch.manual_seed(3)
+        losses.append(policy.forward(batch)[0])
+    assert torch.equal(*losses)
+
+
+def test_a_loss_per_sample_is_returned_on_request(build, samples):
+    assert build().forward(samples, reduction="none")[0].shape == (16,)
+
+
+def test_the_policy_never_sees_the_previous_command(build, observation):
+    policy = build(interface="raw").eval()
+    chunk = policy.predict_action_chunk(observation, noise(policy))
+    for _ in range(3):
+        policy.select_action(observation, noise(policy, seed=5))
+    assert torch.equal(policy.predict_action_chunk(observation, noise(policy)), chunk)
+
+
+def test_the_first_command_of_an_episode_starts_at_the_measured_hand(build, observation):
+    policy = build(interface="filter").eval()
+    targets = policy.select_action(observation, noise(policy))
+    measured = fingertips(observation["observation.state"][:, -16:].double())
+    assert (policy.interface.command - measured).abs().max() <= CLIP + 1e-12
+    assert (targets[:, 7:] - observation["observation.state"][:, 7:]).abs().max() < 0.4
+
+
+def test_statistics_of_the_dataset_are_kept_and_fingertips_share_one_scale(build):
+    policy = build(interface="raw")
+    std = policy.normalization.action.std
+    assert policy.normalization.fingertips.std.unique().numel() <= 4
+    assert all(std[7 + 3 * f : 10 + 3 * f].unique().numel() == 1 for f in range(4))
+    values = torch.randn(5, 16, 19)
+    normalizer = policy.normalization.action
+    torch.testing.assert_close(normalizer.inverse(normalizer(values)), values)
+
+
+def test_noise_of_another_shape_is_refused(build, observation):
+    policy = build().eval()
+    with pytest.raises(DexFlexError, match=r"`noise` must have shape \(4, 16, 23\). Got \(4, 23\)"):
+        policy.predict_action_chunk(observation, torch.zeros(4, 23))

@@ -1,0 +1,65 @@
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from lerobot.envs import make_env
+from lerobot.envs.utils import NEW_ROLLOUT_OPTION, env_to_policy_features
+
+from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_policy_dexflex import DexflexEnvConfig
+
+
+@pytest.mark.parametrize(("task", "joints"), [("PlaceHammer-v0", 23), ("Reach-v0", 16)])
+def test_features_are_named_as_in_the_dataset(task, joints):
+    features = env_to_policy_features(DexflexEnvConfig(task=task))
+    assert {key: tuple(feature.shape) for key, feature in features.items()} == {
+        "action": (joints,),
+        "observation.state": (joints,),
+        "observation.tactile": (240,),
+        "observation.fingertips": (12,),
+        "observation.gravity": (3,),
+        "observation.images.front": (3, 96, 96),
+        "observation.images.wrist": (3, 96, 96),
+    }
+
+
+def test_an_unknown_task_is_refused_with_the_valid_ones():
+    with pytest.raises(DexFlexError, match=r"'PlaceHamer-v0'.*--env.task: PlaceHammer-v0, Reach-v0"):
+        DexflexEnvConfig(task="PlaceHamer-v0")
+
+
+def test_the_time_limit_is_the_tasks_own_unless_told():
+    assert DexflexEnvConfig().gym_kwargs["max_episode_steps"] == TASKS["PlaceHammer-v0"].max_episode_steps
+    config = DexflexEnvConfig(episode_length=7, options={"render_size": 64})
+    assert config.gym_kwargs == {"render_mode": "rgb_array", "max_episode_steps": 7, "render_size": 64}
+    with pytest.raises(DexFlexError, match=r"at least 1. Got 0"):
+        DexflexEnvConfig(episode_length=0)
+
+
+@pytest.mark.parametrize("asynchronous", [False, True])
+def test_the_task_is_made_and_a_finished_episode_freezes(asynchronous):
+    config = DexflexEnvConfig(episode_length=2)
+    vector = make_env(config, n_envs=2, use_async_envs=asynchronous)["dexflex"][0]
+    try:
+        observation, info = vector.reset(seed=[1, 2], options={NEW_ROLLOUT_OPTION: True})
+        assert observation["pixels"]["front"].shape == (2, 96, 96, 3)
+        assert not info["is_success"].any()
+        assert list(vector.call("task")) == ["PlaceHammer-v0"] * 2
+        action = observation["agent_pos"]
+        assert not vector.step(action)[3].any()
+        last, _, _, truncated, _ = vector.step(action)
+        assert truncated.all()
+        for _ in range(2):
+            frozen, reward, *_ = vector.step(action)
+            np.testing.assert_array_equal(frozen["agent_pos"], last["agent_pos"])
+            assert not reward.any()
+    finally:
+        vector.close()
+
+
+def test_the_vector_environment_does_not_reset_within_a_step():
+    vector = DexflexEnvConfig().create_envs(1)["dexflex"][0]
+    assert vector.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    assert "lerobot_dexflex/PlaceHammer-v0" in gymnasium.registry
+    vector.close()

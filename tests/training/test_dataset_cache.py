@@ -1,0 +1,101 @@
+import logging
+
+import pytest
+import torch
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.dataset_reader import DatasetReader
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+from lerobot_dexflex.training import dataset_cache
+
+WINDOW = {"action": [k / 20 for k in range(16)]}
+HISTORY = WINDOW | {"observation.images.front": [-0.05, 0.0], "observation.state": [-0.1, 0.0]}
+
+
+@pytest.fixture(autouse=True)
+def lerobots_own_loader(monkeypatch):
+    """Undo the replacement after each test."""
+    monkeypatch.setattr(DatasetReader, "get_item", DatasetReader.get_item)
+    monkeypatch.setattr(dataset_cache, "_limits", {})
+
+
+def load(root, **settings):
+    return LeRobotDataset("lerobot-dexflex/synthetic", root=root, video_backend="pyav", **settings)
+
+
+def assert_equal_items(ours, theirs):
+    assert list(ours) == list(theirs)
+    for key, value in theirs.items():
+        if isinstance(value, torch.Tensor):
+            assert (ours[key].dtype, ours[key].shape) == (value.dtype, value.shape), key
+            assert torch.equal(ours[key], value), key
+        else:
+            assert ours[key] == value, key
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"delta_timestamps": WINDOW, "return_uint8": True},
+        {"delta_timestamps": HISTORY, "return_uint8": False},
+        {"delta_timestamps": WINDOW, "return_uint8": True, "episodes": [0, 2]},
+        {"image_transforms": lambda image: image.flip(-1), "return_uint8": True},
+    ],
+    ids=["windows", "history", "selected episodes", "transforms"],
+)
+def test_every_cached_item_equals_lerobots(synthetic_dataset, settings):
+    dataset = load(synthetic_dataset, **settings)
+    theirs = [dataset[row] for row in range(len(dataset))]
+    dataset_cache.cache_dataset(dataset.meta, 1.0)
+    for row, item in enumerate(theirs):
+        assert_equal_items(dataset[row], item)
+    assert isinstance(dataset_cache._caches[dataset.reader], dataset_cache.DatasetCache)
+
+
+def test_cached_items_are_copies(synthetic_dataset):
+    dataset = load(synthetic_dataset, delta_timestamps=WINDOW, return_uint8=True)
+    dataset_cache.cache_dataset(dataset.meta, 1.0)
+    before = {key: value for key, value in dataset[3].items() if isinstance(value, torch.Tensor)}
+    before = {key: value.clone() for key, value in before.items()}
+    for value in dataset[3].values():
+        if isinstance(value, torch.Tensor):
+            value.zero_()
+    assert all(torch.equal(dataset[3][key], value) for key, value in before.items())
+
+
+def test_a_cached_video_is_not_decoded_again(synthetic_dataset, monkeypatch):
+    dataset = load(synthetic_dataset, return_uint8=True)
+    dataset_cache.cache_dataset(dataset.meta, 1.0)
+    dataset[0]
+    monkeypatch.setattr(DatasetReader, "_query_videos", None)
+    assert dataset[5]["observation.images.front"].shape == (3, 96, 96)
+
+
+def test_a_dataset_beyond_the_memory_bound_is_left_to_lerobot_with_a_warning(synthetic_dataset, caplog):
+    dataset = load(synthetic_dataset, return_uint8=True)
+    theirs = dataset[7]
+    # 60 frames: 2 cameras of 96 * 96 * 3 bytes, and about 300 numbers of at most 8 bytes, make 3.5 MB.
+    dataset_cache.cache_dataset(dataset.meta, 0.003)
+    with caplog.at_level(logging.WARNING):
+        assert_equal_items(dataset[7], theirs)
+    assert "the bound is 0.0 GB (--policy.cache_gigabytes)" in caplog.text
+    assert dataset_cache._caches[dataset.reader] is None
+
+
+def test_changed_internals_of_lerobot_leave_its_loader_in_charge(synthetic_dataset, caplog, monkeypatch):
+    dataset = load(synthetic_dataset, delta_timestamps=WINDOW, return_uint8=True)
+    theirs = dataset[7]
+    monkeypatch.setattr(dataset_cache.DatasetCache, "_images", lambda *_: torch.zeros(3, 96, 96))
+    dataset_cache.cache_dataset(dataset.meta, 1.0)
+    with caplog.at_level(logging.WARNING):
+        assert_equal_items(dataset[7], theirs)
+    assert "differs from LeRobot's" in caplog.text
+
+
+def test_other_datasets_are_not_touched(synthetic_dataset, tmp_path):
+    meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
+    meta.root = tmp_path
+    dataset_cache.cache_dataset(meta, 1.0)
+    dataset = load(synthetic_dataset)
+    dataset[0]
+    assert dataset.reader not in dataset_cache._caches
