@@ -107,7 +107,9 @@ def test_each_config_parses_and_trains_one_step(synthetic_dataset, tmp_path, nam
     import draccus
     from lerobot.configs.train import TrainPipelineConfig
     from lerobot.scripts.lerobot_train import train
+    from lerobot.utils.import_utils import register_third_party_plugins
 
+    register_third_party_plugins()
     monkeypatch.setattr(sys, "argv", ["lerobot-train"])
     monkeypatch.setenv("SLURM_JOB_ID", "1")
     path = ROOT / f"configs/policy/{name}.yaml"

@@ -12,7 +12,7 @@ def noise(policy, rows=4, seed=0):
     return torch.randn(rows, 16, len(policy.normalization.columns), generator=generator)
 
 
-def train(policy, samples, steps, lr=2e-3):
+def train(policy, samples, steps, lr=3e-3):
     policy.train()
     optimizer = torch.optim.AdamW(policy.get_optim_params(), lr)
     losses = []
@@ -41,17 +41,23 @@ def trained(synthetic_dataset, tiny, samples):
         config = DexflexFlowConfig(**tiny, interface=interface, cache_dataset=False)
         meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
         policy = make_policy(config, ds_meta=meta)
-        policies[interface] = policy, train(policy, samples, 250)
+        policies[interface] = policy, train(policy, samples, 100)
     return policies
 
 
 @pytest.mark.parametrize("interface", ["joint", "raw"])
 def test_the_loss_falls_to_a_fraction_when_a_few_samples_are_fitted(trained, interface):
     _, losses = trained[interface]
-    # A network that knows nothing names 0 as the clean chunk x_1, of unit variance, and errs by x_1 over
-    # 1 - t: averaged over t in [0, 0.9] that is (1 / 0.9) * (1 / (1 - 0.9) - 1) = 10.
-    assert losses[0] == pytest.approx(10, rel=0.4)
-    assert np.mean(losses[-20:]) < 0.1 * losses[0]
+    assert np.mean(losses[-20:]) < 0.15 * losses[0]
+
+
+def test_an_untrained_policy_predicts_the_mean_action_because_its_last_step_lands_on_the_clean_chunk(
+    build, observation
+):
+    # The network's head starts at 0, the mean; 8 Euler steps with v = (0 - x) / (1 - t) end there exactly.
+    policy = build().eval()
+    mean = policy.normalization.action.mean.expand(4, 16, -1)
+    torch.testing.assert_close(policy.predict_action_chunk(observation, noise(policy)), mean)
 
 
 @pytest.mark.parametrize("interface", ["joint", "raw"])
