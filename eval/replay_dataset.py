@@ -25,6 +25,12 @@ def main(arguments: list[str] | None = None) -> int:
     command.add_argument(
         "--interfaces", nargs="+", default=["raw"], help="any of joint, raw, filter; default raw"
     )
+    command.add_argument(
+        "--noise",
+        type=float,
+        default=0.0,
+        help="half width of noise on fingertips [m]; default 0",
+    )
     command.add_argument("--workers", type=int, default=2, help="worker processes; default 2")
     command.add_argument("--output", type=Path, help="also write all outcomes to this JSON file")
     options = command.parse_args(arguments)
@@ -44,6 +50,8 @@ def run(options: argparse.Namespace) -> None:
     from lerobot_dexflex.interfaces import make_interface
     from lerobot_dexflex.recording.provenance import commit
 
+    if not options.noise >= 0:
+        raise DexFlexError(f"`--noise` must not be negative [m]. Got {options.noise}.")
     for name in options.interfaces:
         make_interface(name)
     demonstrations = load_demonstrations(options.root)
@@ -52,7 +60,7 @@ def run(options: argparse.Namespace) -> None:
     rates = {"expert, all attempts": expert}
     episodes: dict[str, list[dict[str, Any]]] = {}
     for name in options.interfaces:
-        outcomes = replay(demonstrations, name, options.workers)
+        outcomes = replay(demonstrations, name, options.workers, noise=options.noise)
         rates[f"{name}, replayed from its successes"] = success_rate([o.success for o in outcomes])
         episodes[name] = [dataclasses.asdict(o) for o in outcomes]
     for name, rate in rates.items():

@@ -76,12 +76,14 @@ class ReplayController:
         actions: Recorded actions, shape (steps, 35).
         interface: `joint` executes the joint targets; the others move the commanded fingertips to the
             recorded ones, one displacement per step.
+        noise: Half width of uniform noise on the commanded fingertips, new at every step and axis [m].
     """
 
     motion: Motion | None = None
 
-    def __init__(self, actions: NDArray[np.float32], interface: str) -> None:
+    def __init__(self, actions: NDArray[np.float32], interface: str, noise: float = 0.0) -> None:
         self._actions = torch.from_numpy(np.array(actions, np.float64))
+        self._noise = noise
         self._interface = make_interface(interface)
         self._step = 0
 
@@ -91,6 +93,7 @@ class ReplayController:
             raise DexFlexError(f"A replay runs one episode at a time. Got {len(seeds)} seeds.")
         self._interface.reset()
         self._step = 0
+        self._rng = np.random.default_rng(seeds[0])
 
     def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
         """Return the next joint targets [rad]. Shape (1, 23)."""
@@ -102,13 +105,18 @@ class ReplayController:
         if self._interface.command_space == "joint":
             draft = joints[None, None, _ARM:]
         else:
-            draft = (tips - self._interface.start(state))[:, None]
+            noise = self._noise * torch.from_numpy(self._rng.uniform(-1, 1, tips.shape))
+            draft = (tips + noise - self._interface.start(state))[:, None]
         hand = self._interface.step(state, draft)
         return torch.cat([joints[None, :_ARM], hand], dim=1).numpy()
 
 
 def replay(
-    demonstrations: Demonstrations, interface: str, workers: int = 2, quiet: bool = False
+    demonstrations: Demonstrations,
+    interface: str,
+    workers: int = 2,
+    quiet: bool = False,
+    noise: float = 0.0,
 ) -> list[Outcome]:
     """Replay every episode from its own initial state.
 
@@ -117,9 +125,10 @@ def replay(
         interface: Name of the interface.
         workers: Worker processes; 0 replays in this process.
         quiet: Show no progress bar.
+        noise: Half width of uniform noise on the commanded fingertips [m]; the interface `joint` ignores it.
     """
     numbers = iter(range(len(demonstrations.seeds)))
-    job = functools.partial(_replay_one, str(demonstrations.root), interface)
+    job = functools.partial(_replay_one, str(demonstrations.root), interface, noise)
     outcomes = []
     with tqdm(total=len(demonstrations.seeds), unit="episode", desc=interface, disable=quiet) as bar:
         for outcome in run_numbered(job, lambda running: next(numbers, None), workers):
@@ -137,9 +146,9 @@ def _loaded(root: str) -> tuple[Demonstrations, gymnasium.Env]:
     return demonstrations, gymnasium.make(name, cameras=(), disable_env_checker=True)
 
 
-def _replay_one(root: str, interface: str, episode: int) -> Outcome:
+def _replay_one(root: str, interface: str, noise: float, episode: int) -> Outcome:
     demonstrations, env = _loaded(root)
-    controller = ReplayController(demonstrations.actions[episode], interface)
+    controller = ReplayController(demonstrations.actions[episode], interface, noise)
     seed = demonstrations.seeds[episode]
     [recorder] = run_group([env], controller, [seed])
     return recorder.outcome(interface, episode, seed, (episode, episode + 1))

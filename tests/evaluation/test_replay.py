@@ -84,3 +84,19 @@ def test_a_dataset_of_another_rate_is_refused(dataset):
     (dataset / "meta/info.json").write_text(json.dumps(info | {"fps": 30}))
     with pytest.raises(DexFlexError, match="30 fps"):
         load_demonstrations(dataset)
+
+
+def test_noise_shakes_the_commanded_fingertips_within_its_width_and_repeats_by_seed(actions):
+    def commands(seed):
+        controller = ReplayController(actions, "raw", noise=0.004)
+        controller.reset([seed])
+        played = []
+        for _ in range(3):
+            controller.act({"agent_pos": STATE}, "task")
+            played.append(controller._interface.command[0].reshape(-1).numpy())
+        return np.array(played)
+
+    error = commands(0) - actions[:, 23:]
+    assert 0.002 < np.abs(error).max() <= 0.004 + 1e-6
+    np.testing.assert_array_equal(commands(0), commands(0))
+    assert not np.array_equal(commands(0), commands(1))
