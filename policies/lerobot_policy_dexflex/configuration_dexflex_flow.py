@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from draccus.utils import ParsingError
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
@@ -92,36 +93,43 @@ class DexflexFlowConfig(PreTrainedConfig):
     )
 
     def __post_init__(self) -> None:
-        """Refuse values that cannot work."""
+        """Refuse values that cannot work.
+
+        Raises:
+            ParsingError: draccus hides the message of any ValueError from a configuration, but not this one.
+        """
         super().__post_init__()
-        make_interface(self.interface)
+        if self.interface not in INTERFACES:
+            raise ParsingError(
+                f"Unknown interface {self.interface!r}. Valid --policy.interface: {', '.join(INTERFACES)}."
+            )
         if self.action_space not in ("", *ACTION_SPACES):
-            raise DexFlexError(
+            raise ParsingError(
                 f"`action_space` must be one of {', '.join(ACTION_SPACES)}, or empty to let the interface "
                 f"decide. Got {self.action_space!r}."
             )
         if not 1 <= self.n_action_steps <= self.chunk_size:
-            raise DexFlexError(
+            raise ParsingError(
                 f"`n_action_steps` must be between 1 and `chunk_size` ({self.chunk_size}). "
                 f"Got {self.n_action_steps}."
             )
         if self.chunk_size % 2:
-            raise DexFlexError(f"`chunk_size` must be even. Got {self.chunk_size}.")
+            raise ParsingError(f"`chunk_size` must be even. Got {self.chunk_size}.")
         if self.dim % self.n_heads:
-            raise DexFlexError(f"`dim` must be a multiple of `n_heads` ({self.n_heads}). Got {self.dim}.")
+            raise ParsingError(f"`dim` must be a multiple of `n_heads` ({self.n_heads}). Got {self.dim}.")
         for name in ("noise_draws", "euler_steps", "n_layers", "n_keypoints"):
             if getattr(self, name) < 1:
-                raise DexFlexError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
+                raise ParsingError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
         if self.euler_steps > 10:
-            raise DexFlexError(
+            raise ParsingError(
                 f"`euler_steps` must be at most 10, as flow times beyond 0.9 are not trained. "
                 f"Got {self.euler_steps}."
             )
         for name in ("touch_dropout", "ema_decay", "warmup_fraction"):
             if not 0 <= getattr(self, name) <= 1:
-                raise DexFlexError(f"`{name}` must be in [0, 1]. Got {getattr(self, name)}.")
+                raise ParsingError(f"`{name}` must be in [0, 1]. Got {getattr(self, name)}.")
         if any(mode is not NormalizationMode.IDENTITY for mode in self.normalization_mapping.values()):
-            raise DexFlexError(
+            raise ParsingError(
                 "`normalization_mapping` must be IDENTITY for every type: the policy normalises inside. "
                 f"Got {self.normalization_mapping}."
             )

@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 import gymnasium
+from draccus.utils import ParsingError
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
@@ -13,7 +14,6 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 
 # Importing the registration here also registers the tasks in asynchronous workers, which import only this.
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS
-from lerobot_dexflex.errors import DexFlexError
 
 IMAGE_SHAPE = (96, 96, 3)
 _CAMERAS = ("front", "wrist")
@@ -34,11 +34,15 @@ class DexflexEnvConfig(EnvConfig):
     features_map: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse unknown tasks and fill in the features of the task's robot."""
+        """Fill in the features of the task's robot.
+
+        Raises:
+            ParsingError: If a setting is invalid. draccus hides the message of a ValueError, not of this.
+        """
         if self.task not in TASKS:
-            raise DexFlexError(f"Unknown task {self.task!r}. Valid --env.task: {', '.join(TASKS)}.")
+            raise ParsingError(f"Unknown task {self.task!r}. Valid --env.task: {', '.join(TASKS)}.")
         if self.episode_length is not None and self.episode_length < 1:
-            raise DexFlexError(f"`episode_length` must be at least 1. Got {self.episode_length}.")
+            raise ParsingError(f"`episode_length` must be at least 1. Got {self.episode_length}.")
         joints = TASKS[self.task].joints
         vectors = {"agent_pos": joints, "tactile": 240, "fingertips": 12, "gravity": 3}
         cameras = [f"observation.images.{camera}" for camera in _CAMERAS]

@@ -65,8 +65,15 @@ def runs(synthetic_dataset, tmp_path_factory):
         f"--output_dir={folder / 'eval'}",
         *ENV_EVAL,
     )
+    refused = run("lerobot-eval", f"--policy.path={checkpoint}", "--policy.interface=joint", *ENV_EVAL)
     return SimpleNamespace(
-        train=train, first=first, resume=resume, checkpoint=checkpoint, filtered=filtered, folder=folder
+        train=train,
+        first=first,
+        resume=resume,
+        checkpoint=checkpoint,
+        filtered=filtered,
+        refused=refused,
+        folder=folder,
     )
 
 
@@ -100,6 +107,13 @@ def test_evaluation_writes_lerobots_report_under_a_switched_interface(runs):
     report = json.loads((runs.folder / "eval/eval_info.json").read_text())
     assert report["overall"]["n_episodes"] == 2
     assert 0 <= report["overall"]["pc_success"] <= 100
+
+
+def test_an_interface_of_another_action_space_ends_in_one_clear_message(runs):
+    assert runs.refused.returncode != 0
+    last = runs.refused.stderr.strip().splitlines()[-1]
+    assert "executes the action space 'joint', but this checkpoint learned 'draft'" in last
+    assert "--policy.interface=raw|filter" in last
 
 
 @pytest.mark.parametrize("name", ["place_hammer_joint", "place_hammer_draft"])

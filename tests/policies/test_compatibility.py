@@ -1,6 +1,7 @@
 import copy
 
 import pytest
+from draccus.utils import ParsingError
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.policies import make_policy
 
@@ -60,7 +61,10 @@ def test_an_environment_without_touch_is_refused(tiny):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"interface": "psychic"}, r"Unknown interface 'psychic'\. Valid interfaces: joint, raw, filter"),
+        (
+            {"interface": "psychic"},
+            r"Unknown interface 'psychic'\. Valid --policy.interface: joint, raw, filter",
+        ),
         ({"action_space": "torque"}, r"`action_space` must be one of joint, draft.*Got 'torque'"),
         ({"n_action_steps": 17}, r"between 1 and `chunk_size` \(16\)\. Got 17"),
         ({"chunk_size": 15}, r"`chunk_size` must be even. Got 15"),
@@ -72,5 +76,5 @@ def test_an_environment_without_touch_is_refused(tiny):
     ],
 )
 def test_settings_that_cannot_work_are_refused(settings, message):
-    with pytest.raises(DexFlexError, match=message):
+    with pytest.raises(ParsingError, match=message):
         DexflexFlowConfig(device="cpu", **settings)

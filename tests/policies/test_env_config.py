@@ -1,12 +1,12 @@
 import gymnasium
 import numpy as np
 import pytest
+from draccus.utils import ParsingError
 from gymnasium.vector import AutoresetMode
 from lerobot.envs import make_env
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION, env_to_policy_features
 
 from lerobot_dexflex.envs.registration import TASKS
-from lerobot_dexflex.errors import DexFlexError
 from lerobot_policy_dexflex import DexflexEnvConfig
 
 
@@ -25,7 +25,7 @@ def test_features_are_named_as_in_the_dataset(task, joints):
 
 
 def test_an_unknown_task_is_refused_with_the_valid_ones():
-    with pytest.raises(DexFlexError, match=r"'PlaceHamer-v0'.*--env.task: PlaceHammer-v0, Reach-v0"):
+    with pytest.raises(ParsingError, match=r"'PlaceHamer-v0'.*--env.task: PlaceHammer-v0, Reach-v0"):
         DexflexEnvConfig(task="PlaceHamer-v0")
 
 
@@ -33,7 +33,7 @@ def test_the_time_limit_is_the_tasks_own_unless_told():
     assert DexflexEnvConfig().gym_kwargs["max_episode_steps"] == TASKS["PlaceHammer-v0"].max_episode_steps
     config = DexflexEnvConfig(episode_length=7, options={"render_size": 64})
     assert config.gym_kwargs == {"render_mode": "rgb_array", "max_episode_steps": 7, "render_size": 64}
-    with pytest.raises(DexFlexError, match=r"at least 1. Got 0"):
+    with pytest.raises(ParsingError, match=r"at least 1. Got 0"):
         DexflexEnvConfig(episode_length=0)
 
 
