@@ -41,7 +41,7 @@ def cache_dataset(meta: Any, gigabytes: float) -> None:
             cameras need 0.65 GB.
     """
     _limits[Path(meta.root)] = gigabytes
-    DatasetReader.get_item = _get_item
+    DatasetReader.get_item = _get_item  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class DatasetCache:
@@ -58,6 +58,9 @@ class DatasetCache:
     def __init__(self, reader: DatasetReader, gigabytes: float) -> None:
         self._reader = reader
         self._refuse_unknown(gigabytes)
+        tasks = reader._meta.tasks
+        assert tasks is not None
+        self._tasks = tasks
         self._columns = self._read_columns()
         self._frames = {key: self._decode(key) for key in reader._meta.video_keys}
 
@@ -73,7 +76,7 @@ class DatasetCache:
         item = frames | item
         if reader._image_transforms is not None:
             item |= {key: reader._image_transforms(item[key]) for key in frames}
-        item["task"] = reader._meta.tasks.iloc[int(item["task_index"])].name
+        item["task"] = self._tasks.iloc[int(item["task_index"])].name
         return item
 
     def _windows(self, item: dict[str, Any]) -> tuple[dict[str, list[int]], dict[str, Tensor]]:

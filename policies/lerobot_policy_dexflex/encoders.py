@@ -45,6 +45,7 @@ class ImageEncoder(nn.Module):
         self.coarse = nn.Sequential(_conv(32, 64, 3, 2), _conv(64, 64, 3, 1))
         self.lateral = nn.Conv2d(64, 32, 1)
         self.keypoints = SpatialSoftmax((32, height // 4, width // 4), num_kp=n_keypoints)
+        assert self.keypoints.nets is not None
         # Spread the softmax from the start; with near-uniform weights every keypoint is the image centre.
         nn.init.normal_(self.keypoints.nets.weight, std=0.5)
         self.keypoint_token = _mlp(2 * n_keypoints, dim)
@@ -92,9 +93,8 @@ class ObservationEncoder(nn.Module):
     ) -> None:
         super().__init__()
         self.cameras = sorted(image_shapes)
-        self.image = nn.ModuleList(
-            ImageEncoder(*image_shapes[key][1:], n_keypoints, dim) for key in self.cameras
-        )
+        sizes = [image_shapes[key][1:] for key in self.cameras]
+        self.image = nn.ModuleList(ImageEncoder(height, width, n_keypoints, dim) for height, width in sizes)
         self.touch = TouchEncoder(dim)
         self.body = _mlp(state_dim + FINGERS * 3 + 3, dim)
         self.n_tokens = 2 * len(self.cameras) + FINGERS + 1

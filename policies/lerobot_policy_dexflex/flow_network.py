@@ -102,12 +102,13 @@ class FlowNetwork(nn.Module):
         self.norm = nn.LayerNorm(dim)
         self.key_value = nn.Linear(dim, 2 * dim)
         self.time = nn.Linear(_TIME_FEATURES, dim)
-        self.modulation = nn.Sequential(nn.SiLU(), nn.Linear(dim, _MODULATIONS * dim))
+        modulation = nn.Linear(dim, _MODULATIONS * dim)
+        self.modulation = nn.Sequential(nn.SiLU(), modulation)
         self.action_in = nn.Linear(_STEPS_PER_TOKEN * action_dim, dim)
         self.position = nn.Parameter(torch.randn(chunk_size // _STEPS_PER_TOKEN, dim) * 0.02)
         self.blocks = nn.ModuleList(Block(dim, n_heads, mlp_ratio) for _ in range(n_layers))
         self.action_out = nn.Linear(dim, _STEPS_PER_TOKEN * action_dim)
-        for layer in (self.modulation[1], self.action_out):
+        for layer in (modulation, self.action_out):
             nn.init.zeros_(layer.weight)
             nn.init.zeros_(layer.bias)
 

@@ -90,8 +90,8 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         self.updates += 1
         n = int(self.updates)
         decay = min(self.config.ema_decay, (1 + n) / (10 + n))
-        average, current = list(self.average.parameters()), list(self.network.parameters())
-        torch._foreach_lerp_(average, current, 1 - decay)
+        for average, current in zip(self.average.parameters(), self.network.parameters(), strict=True):
+            average.lerp_(current, 1 - decay)
 
     def reset(self) -> None:
         """Begin a new episode in every row: forget the chunk and the commanded hand."""

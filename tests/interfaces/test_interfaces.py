@@ -80,6 +80,7 @@ def test_filter_averages_with_its_weight_and_then_clips_each_axis():
     interface.step(observation(1), second)
     # Averages after the second step: x 0.75 * 1 + 0.25 * 5 = 2 mm, y 0.25 * -20 = -5 mm, clipped to -2 mm.
     moved = torch.tensor([0.001 + 0.002, -0.002, 0.0], dtype=torch.float64).expand(1, 4, 3)
+    assert interface.command is not None
     torch.testing.assert_close(interface.command - start, moved)
 
 
@@ -109,6 +110,7 @@ def test_resetting_a_row_restarts_that_row_only(name):
     torch.testing.assert_close(result[0], untouched.step(seen, draft)[0])
     torch.testing.assert_close(result[1], restarted.step(seen, draft)[1])
     assert ours.command is not None
+    assert restarted.command is not None
     torch.testing.assert_close(ours.command[1], restarted.command[1])
 
 
@@ -136,6 +138,7 @@ def test_bad_input_is_refused_and_leaves_the_command_alone(name):
     interface, draft = make_interface(name), drafts(name, 2)
     interface.step(observation(2), draft)
     before = interface.command
+    assert before is not None
     broken = draft.clone()
     broken[1, 0] = torch.nan
     blind = observation(2)
@@ -152,7 +155,7 @@ def test_bad_input_is_refused_and_leaves_the_command_alone(name):
     for seen, bad, message in cases:
         with pytest.raises(DexFlexError, match=message):
             interface.step(seen, bad)
-    assert torch.equal(interface.command, before)
+    assert interface.command is before
     with pytest.raises(DexFlexError, match="one bool per row"):
         interface.reset(torch.tensor([True]))
 

@@ -2,7 +2,7 @@ import gymnasium
 import numpy as np
 import pytest
 from draccus.utils import ParsingError
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from lerobot.envs import make_env
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION, env_to_policy_features
 
@@ -41,6 +41,7 @@ def test_the_time_limit_is_the_tasks_own_unless_told():
 def test_the_task_is_made_and_a_finished_episode_freezes(asynchronous):
     config = DexflexEnvConfig(episode_length=2)
     vector = make_env(config, n_envs=2, use_async_envs=asynchronous)["dexflex"][0]
+    assert isinstance(vector, SyncVectorEnv | AsyncVectorEnv)
     try:
         observation, info = vector.reset(seed=[1, 2], options={NEW_ROLLOUT_OPTION: True})
         assert observation["pixels"]["front"].shape == (2, 96, 96, 3)

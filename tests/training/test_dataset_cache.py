@@ -23,6 +23,10 @@ def load(root, **settings):
     return LeRobotDataset("lerobot-dexflex/synthetic", root=root, video_backend="pyav", **settings)
 
 
+def item(dataset, row) -> dict:
+    return dataset[row]
+
+
 def assert_equal_items(ours, theirs):
     assert list(ours) == list(theirs)
     for key, value in theirs.items():
@@ -47,20 +51,20 @@ def test_every_cached_item_equals_lerobots(synthetic_dataset, settings):
     dataset = load(synthetic_dataset, **settings)
     theirs = [dataset[row] for row in range(len(dataset))]
     dataset_cache.cache_dataset(dataset.meta, 1.0)
-    for row, item in enumerate(theirs):
-        assert_equal_items(dataset[row], item)
+    for row, expected in enumerate(theirs):
+        assert_equal_items(dataset[row], expected)
     assert isinstance(dataset_cache._caches[dataset.reader], dataset_cache.DatasetCache)
 
 
 def test_cached_items_are_copies(synthetic_dataset):
     dataset = load(synthetic_dataset, delta_timestamps=WINDOW, return_uint8=True)
     dataset_cache.cache_dataset(dataset.meta, 1.0)
-    before = {key: value for key, value in dataset[3].items() if isinstance(value, torch.Tensor)}
+    before = {key: value for key, value in item(dataset, 3).items() if isinstance(value, torch.Tensor)}
     before = {key: value.clone() for key, value in before.items()}
-    for value in dataset[3].values():
+    for value in item(dataset, 3).values():
         if isinstance(value, torch.Tensor):
             value.zero_()
-    assert all(torch.equal(dataset[3][key], value) for key, value in before.items())
+    assert all(torch.equal(item(dataset, 3)[key], value) for key, value in before.items())
 
 
 def test_a_cached_video_is_not_decoded_again(synthetic_dataset, monkeypatch):
@@ -68,7 +72,7 @@ def test_a_cached_video_is_not_decoded_again(synthetic_dataset, monkeypatch):
     dataset_cache.cache_dataset(dataset.meta, 1.0)
     dataset[0]
     monkeypatch.setattr(DatasetReader, "_query_videos", None)
-    assert dataset[5]["observation.images.front"].shape == (3, 96, 96)
+    assert item(dataset, 5)["observation.images.front"].shape == (3, 96, 96)
 
 
 def test_a_dataset_beyond_the_memory_bound_is_left_to_lerobot_with_a_warning(synthetic_dataset, caplog):
