@@ -1,6 +1,7 @@
 import copy
 
 import pytest
+import torch
 from draccus.utils import ParsingError
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.policies import make_policy
@@ -78,3 +79,12 @@ def test_an_environment_without_touch_is_refused(tiny):
 def test_settings_that_cannot_work_are_refused(settings, message):
     with pytest.raises(ParsingError, match=message):
         DexflexFlowConfig(device="cpu", **settings)
+
+
+def test_the_hand_without_an_arm_is_driven_too(tiny):
+    policy = make_policy(
+        DexflexFlowConfig(**tiny, interface="raw"), env_cfg=DexflexEnvConfig(task="Reach-v0")
+    )
+    observation = {key: torch.zeros(2, *ft.shape) for key, ft in config.input_features.items()}
+    assert policy.eval().select_action(observation).shape == (2, 16)
+    assert policy.normalization.columns == list(range(16, 28))
