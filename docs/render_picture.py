@@ -1,0 +1,53 @@
+"""Render docs/place_hammer.png: four moments of a demonstration, each above what the fingertips feel.
+
+    python docs/render_picture.py
+"""
+
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+import lerobot_dexflex  # noqa: F401  (registers the tasks)
+from lerobot_dexflex.envs.hand_env import HandEnv
+from lerobot_dexflex.experts import make_expert
+from lerobot_dexflex.hand.touch import touch_strip
+
+TASK, SEED = "PlaceHammer-v0", 3
+MOMENTS = (36, 90, 152, 185)
+"""Control steps shown: before the grasp, on the way, hanging, let go."""
+SIZE, SUPERSAMPLING = 300, 4
+
+
+def panel(env: HandEnv, tactile: NDArray) -> Image.Image:
+    """Return the front camera's picture above the touch of the four fingertips."""
+    view = Image.fromarray(env.render()).resize((SIZE, SIZE), Image.Resampling.LANCZOS)
+    strip = Image.fromarray(touch_strip(tactile))
+    strip = strip.resize((SIZE, SIZE * strip.height // strip.width), Image.Resampling.NEAREST)
+    return Image.fromarray(np.concatenate([view, strip]))
+
+
+def main() -> None:
+    """Run the expert and save the chosen moments side by side."""
+    size = SIZE * SUPERSAMPLING
+    env = gymnasium.make(f"lerobot_dexflex/{TASK}", cameras=(), render_size=size).unwrapped
+    assert isinstance(env, HandEnv)
+    observation, _ = env.reset(seed=SEED)
+    panels = []
+    for step, command in enumerate(make_expert(TASK)(env, np.random.default_rng(SEED))):
+        if step in MOMENTS:
+            panels.append(panel(env, observation["tactile"]))
+        observation, _, done, _, info = env.step(command.executed)
+        if done:
+            break
+    print(f"success: {info['is_success']} after {step + 1} steps")
+    gap = np.full((panels[0].height, 6, 3), 255, np.uint8)
+    columns = [part for image in panels for part in (np.asarray(image), gap)][:-1]
+    picture = Image.fromarray(np.concatenate(columns, axis=1))
+    picture.save(Path(__file__).with_name("place_hammer.png"), optimize=True)
+
+
+if __name__ == "__main__":
+    main()
