@@ -75,6 +75,22 @@ def test_distribution_is_named_so_that_lerobot_finds_it():
     assert wheel["packages"] == ["lerobot_dexflex", "policies/lerobot_policy_dexflex"]
 
 
+def test_every_config_and_recipe_is_parsed_by_its_dataclass():
+    code = (
+        "import draccus, sys; from pathlib import Path\n"
+        "from lerobot.utils.import_utils import register_third_party_plugins as register; register()\n"
+        "from lerobot.configs.train import TrainPipelineConfig\n"
+        "from lerobot_dexflex.recording.config import RecordConfig\n"
+        "kinds = {'configs/policy/*.yaml': TrainPipelineConfig, 'datasets/*/recipe.yaml': RecordConfig}\n"
+        "for pattern, kind in kinds.items():\n"
+        "    for path in Path().glob(pattern):\n"
+        "        draccus.parse(kind, path, args=[]); print(path)"
+    )
+    parsed = set(run_python("-c", code).splitlines())
+    every = {*ROOT.glob("configs/**/*.yaml"), *ROOT.glob("datasets/**/*.yaml")}
+    assert parsed == {str(path.relative_to(ROOT)) for path in every} != set()
+
+
 def test_no_tracked_file_is_a_pickle_or_an_unexpected_binary(tracked_files):
     binaries = [path for path in tracked_files if b"\0" in path.read_bytes()[:4096]]
     assert [path for path in binaries if path.suffix not in BINARY_SUFFIXES] == []

@@ -1,0 +1,71 @@
+"""Fill the result tables of README.md from the committed results.
+
+python eval/readme_table.py
+
+`<!-- results:NAME -->` ... `<!-- /results -->` is filled from `eval/results/NAME.json`, which is the
+`comparison.json` of a run of `eval/compare_interfaces.py`.
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+_BLOCK = re.compile(r"<!-- results:(?P<name>\w+) -->\n.*?<!-- /results -->", re.DOTALL)
+_HEADER = "| interface | success | 95 % interval (Wilson) | time to success |\n|---|---|---|---|"
+
+
+def names(text: str) -> list[str]:
+    """Return the names of the results that a document shows."""
+    return [block["name"] for block in _BLOCK.finditer(text)]
+
+
+def filled(text: str, results: Path) -> str:
+    """Return a document with its result tables made anew.
+
+    Args:
+        text: Markdown with result blocks.
+        results: Folder of the result files.
+
+    Raises:
+        FileNotFoundError: If a block names a result that is not in the folder.
+    """
+
+    def block(match: re.Match[str]) -> str:
+        name = match["name"]
+        content = table(json.loads((results / f"{name}.json").read_text()), f"eval/results/{name}.json")
+        return f"<!-- results:{name} -->\n{content}\n<!-- /results -->"
+
+    return _BLOCK.sub(block, text)
+
+
+def table(result: dict[str, Any], source: str) -> str:
+    """Return rates, intervals and paired tests of a comparison as Markdown.
+
+    Args:
+        result: Content of a `comparison.json`.
+        source: Path of that file from the repository's root.
+    """
+    rows = [_row(name, numbers) for name, numbers in result["per_interface"].items()]
+    tests = [f"{t['first']} against {t['second']} p = {t['p_value_holm']:.2g}" for t in result["pairwise"]]
+    first, last = result["seeds"]
+    paired = f" Exact McNemar tests (Holm): {', '.join(tests)}." if tests else ""
+    return (
+        "\n".join([_HEADER, *rows])
+        + f"\n\nn = {result['n_episodes']} paired episodes per interface on held-out initial states "
+        + f"(seeds {first} to {last}).{paired} Every episode: [{source}]({source})."
+    )
+
+
+def _row(name: str, numbers: dict[str, Any]) -> str:
+    low, high = numbers["pc_success_ci95"]
+    duration = numbers["completion_time"]
+    time = f"{duration['mean']:.1f} s" if duration else "-"
+    count = f"{numbers['n_success']}/{numbers['n_episodes']}"
+    return f"| `{name}` | {numbers['pc_success']:.0f} % ({count}) | {low:.0f} to {high:.0f} % | {time} |"
+
+
+if __name__ == "__main__":
+    readme = ROOT / "README.md"
+    readme.write_text(filled(readme.read_text(), ROOT / "eval/results"))
