@@ -9,6 +9,7 @@ from lerobot.policies import make_policy
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_policy_dexflex import DexflexEnvConfig, DexflexFlowConfig
 from lerobot_policy_dexflex.compatibility import check_dataset
+from lerobot_policy_dexflex.modeling_dexflex_flow import DexflexFlowPolicy
 
 
 @pytest.fixture
@@ -82,9 +83,9 @@ def test_settings_that_cannot_work_are_refused(settings, message):
 
 
 def test_the_hand_without_an_arm_is_driven_too(tiny):
-    policy = make_policy(
-        DexflexFlowConfig(**tiny, interface="raw"), env_cfg=DexflexEnvConfig(task="Reach-v0")
-    )
-    observation = {key: torch.zeros(2, *ft.shape) for key, ft in config.input_features.items()}
-    assert policy.eval().select_action(observation).shape == (2, 16)
+    config = DexflexFlowConfig(**tiny, interface="raw")
+    policy = make_policy(config, env_cfg=DexflexEnvConfig(task="Reach-v0")).eval()
+    assert isinstance(policy, DexflexFlowPolicy)
+    observation = {key: torch.zeros(2, *ft.shape) for key, ft in (config.input_features or {}).items()}
+    assert policy.select_action(observation).shape == (2, 16)
     assert policy.normalization.columns == list(range(16, 28))
