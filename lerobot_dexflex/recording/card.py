@@ -1,0 +1,135 @@
+"""The dataset card: written from the files of the dataset alone."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from huggingface_hub import DatasetCardData
+from statsmodels.stats.proportion import proportion_confint
+
+from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
+from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP, columns
+from lerobot_dexflex.recording.staging import RECORD_FILE
+
+_TEMPLATE = """\
+---
+{front_matter}
+---
+
+# {repo_id}
+
+{episodes} demonstrations ({frames} frames, {minutes:.1f} min at {fps} Hz) of the simulated task
+`{task}`, "{description}", on a {robot}, made by the scripted privileged expert of
+[lerobot_dexflex](https://github.com/lerobot-dexflex/lerobot_dexflex). LeRobotDataset {version}.{warning}
+
+**Expert.** {successes} of {attempts} attempts succeeded: {rate:.0%} (Wilson 95 %: {low:.0%} to {high:.0%}).
+Failed attempts are left out; seeds and outcomes of all attempts are in [{record}]({record}).
+
+## Columns
+
+| key | shape | unit | what |
+|---|---|---|---|
+{rows}
+
+The frame at step k holds the observation *before* the step and the expert's label `action`. What was executed
+is the label plus smooth joint noise (a natural unsteadiness), so the demonstrations show how to come back.
+Every element is named in [meta/info.json](meta/info.json). No object pose, goal or mass is recorded.
+Numbers are rounded to {angle:.1e} rad, {length:.1e} m and {force:.1e} N, far below what the sensors resolve.
+
+## Load it
+
+```python
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+dataset = LeRobotDataset("{repo_id}", root="{root}")
+print(dataset.num_episodes, dataset[0]["action"].shape)
+```
+
+```bash
+lerobot-dataset-viz --repo-id {repo_id} --root {root} --episode-index 0
+```
+
+Both work offline.
+
+## Record it again
+
+```bash
+dexflex-record --config_path={root}/recipe.yaml --root=outputs/again
+```
+
+| | |
+|---|---|
+| recorded by | `{command}` |
+| commit | `{commit}` |
+| digest of the code that decides the data | `{code}` |
+| versions | {versions} |
+| environment seeds | {first_seed} + attempt; attempts 0 to {last_attempt} |
+
+## Known limitations
+
+Simulation only; one scripted strategy, so the demonstrations vary less than a human's. Images are lossy h264.
+"""
+
+
+def write_card(root: Path) -> None:
+    """Write `README.md` of the recorded dataset in `root`."""
+    record = json.loads((root / RECORD_FILE).read_text())
+    info = json.loads((root / "meta/info.json").read_text())
+    (root / "README.md").write_text(_card(record, info))
+
+
+def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
+    recipe, expert = record["recipe"], record["expert"]
+    low, high = proportion_confint(expert["successes"], expert["attempts"], method="wilson")
+    data = DatasetCardData(
+        license="apache-2.0",
+        task_categories=["robotics"],
+        tags=["LeRobot", "dexterous", "tactile", "simulation"],
+        configs=[{"config_name": "default", "data_files": "data/*/*.parquet"}],
+    )
+    robot = {"leap_xarm7": "tactile LEAP hand on an xArm7", "leap": "tactile LEAP hand"}[info["robot_type"]]
+    return _TEMPLATE.format(
+        front_matter=data.to_yaml().strip(),
+        repo_id=recipe["repo_id"],
+        root=recipe["root"],
+        task=recipe["task"],
+        first_seed=recipe["seed"],
+        last_attempt=expert["attempts"] - 1,
+        description=TASKS[recipe["task"]].description,
+        robot=robot,
+        episodes=record["episodes"],
+        frames=info["total_frames"],
+        fps=info["fps"],
+        minutes=info["total_frames"] / info["fps"] / 60,
+        version=info["codebase_version"],
+        warning="" if record["complete"] else "\n\n**Unfinished:** run the command below again to continue.",
+        **expert,
+        rate=expert["successes"] / expert["attempts"],
+        low=low,
+        high=high,
+        record=RECORD_FILE.as_posix(),
+        rows="\n".join(_rows(info)),
+        angle=ANGLE_STEP,
+        length=LENGTH_STEP,
+        force=FORCE_STEP,
+        command=record["command"],
+        commit=record["commit"],
+        code=record["code"],
+        versions=", ".join(f"{name} {number}" for name, number in record["versions"].items()),
+    )
+
+
+def _rows(info: dict[str, Any]) -> list[str]:
+    features = info["features"]
+    joints = JOINTS if features["observation.state"]["shape"][0] == len(JOINTS) else HAND_JOINTS
+    images = [key for key in features if key.startswith("observation.images.")]
+    rows = []
+    for key in images:
+        shape = "x".join(str(size) for size in features[key]["shape"])
+        encoding = features[key]["info"]
+        video = f"{encoding['video.codec']}, key frame every {encoding['video.g']} frames"
+        rows.append(f"| `{key}` | {shape} video | RGB | camera `{key.rsplit('.', 1)[1]}`; {video} |")
+    for key, column in columns(joints).items():
+        rows.append(f"| `{key}` | {len(column.names)} | {column.unit} | {column.meaning} |")
+    return rows

@@ -1,0 +1,31 @@
+"""The console script `dexflex-record`."""
+
+import sys
+
+import draccus
+from draccus.utils import DecodingError
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.recording.config import RecordConfig
+from lerobot_dexflex.recording.record import record
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Record demonstrations; return 0 if complete, 1 after an error, 130 after an interrupt.
+
+    Args:
+        arguments: Command-line arguments; None takes those of this process.
+    """
+    try:
+        config = draccus.parse(RecordConfig, args=arguments)
+        return 0 if record(config, arguments) else 130
+    except (DexFlexError, DecodingError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("Stopped. Run the same command again to continue.", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

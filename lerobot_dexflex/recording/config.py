@@ -1,0 +1,82 @@
+"""What `dexflex-record` is told, and what of it decides the recorded data."""
+
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.errors import DexFlexError
+
+
+@dataclass
+class VideoConfig:
+    """h264 settings of the two cameras (yuv420p, preset `slow`)."""
+
+    crf: int = 23
+    """Constant rate factor: 0 is lossless, 51 is worst; 18 to 23 look the same at 96 pixels."""
+    gop: int = 10
+    """Frames from one key frame to the next; small values make random access cheap."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.crf <= 51:
+            raise DexFlexError(f"`video.crf` must be in [0, 51]. Got {self.crf}.")
+        if self.gop < 1:
+            raise DexFlexError(f"`video.gop` must be at least 1. Got {self.gop}.")
+
+
+@dataclass
+class RecordConfig:
+    """Record successful demonstrations of a task's scripted expert as a LeRobotDataset."""
+
+    task: str = "PlaceHammer-v0"
+    """Task to demonstrate."""
+    episodes: int = 50
+    """Successful episodes to keep."""
+    seed: int = 0
+    """Attempt k starts from environment seed `seed + k`; its noise is drawn from `(seed, k)`."""
+    root: Path = Path("outputs/recording")
+    """Folder of the dataset; must not exist, or must hold an unfinished recording of the same recipe."""
+    repo_id: str = ""
+    """Name on the Hub; empty means `lerobot-dexflex/<name of the root folder>`."""
+    workers: int = 2
+    """Worker processes; 0 records in this process. The data do not depend on it."""
+    max_attempts: int = 0
+    """Give up after so many attempts; 0 means twice the episodes plus 10."""
+    video: VideoConfig = field(default_factory=VideoConfig)
+    """Encoding of the cameras."""
+
+    def __post_init__(self) -> None:
+        if self.task not in TASKS:
+            raise DexFlexError(f"Unknown task {self.task!r}. Valid tasks: {', '.join(TASKS)}.")
+        if self.episodes < 1:
+            raise DexFlexError(f"`episodes` must be at least 1. Got {self.episodes}.")
+        for name in ("seed", "workers", "max_attempts"):
+            if getattr(self, name) < 0:
+                raise DexFlexError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        if 0 < self.max_attempts < self.episodes:
+            raise DexFlexError(
+                f"`max_attempts` ({self.max_attempts}) must not be below `episodes` ({self.episodes}); "
+                "0 chooses twice the episodes plus 10."
+            )
+        self.root = Path(self.root)
+        if not self.repo_id:
+            self.repo_id = f"lerobot-dexflex/{self.root.resolve().name}"
+        if self.repo_id.count("/") != 1 or not all(self.repo_id.split("/")):
+            raise DexFlexError(f"`repo_id` must look like 'user/dataset'. Got {self.repo_id!r}.")
+
+    @property
+    def attempt_limit(self) -> int:
+        """Attempts after which recording gives up."""
+        return self.max_attempts or 2 * self.episodes + 10
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the configuration as plain values, ready for YAML."""
+        return asdict(self) | {"root": self.root.as_posix()}
+
+
+_FREE = ("episodes", "root", "repo_id", "workers", "max_attempts")
+
+
+def identity(config: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries of `RecordConfig.to_dict()` on which each recorded episode depends."""
+    return {f.name: config.get(f.name) for f in fields(RecordConfig) if f.name not in _FREE}

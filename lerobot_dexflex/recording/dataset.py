@@ -1,0 +1,129 @@
+"""Assemble the LeRobotDataset from recorded attempts, always in the same order."""
+
+import json
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import av.logging
+import pyarrow.parquet as pq
+import yaml
+from datasets import disable_progress_bars
+from lerobot.configs.video import RGBEncoderConfig
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
+from lerobot_dexflex.recording.attempt import Attempt, attempt_path, load_attempt
+from lerobot_dexflex.recording.card import write_card
+from lerobot_dexflex.recording.config import RecordConfig
+from lerobot_dexflex.recording.schema import FPS, columns, lerobot_features, robot_type
+from lerobot_dexflex.recording.staging import RECORD_FILE
+
+_RECIPE_HEADER = """\
+# Recorded by `dexflex-record`; record it again with
+#   dexflex-record --config_path={root}/recipe.yaml --root=<new folder>
+# Code: commit {commit}, digest {code}
+# Expert: {successes} of {attempts} attempts succeeded. Seeds of all attempts: {record}
+"""
+
+
+def assemble(
+    config: RecordConfig,
+    staging: Path,
+    attempts: Sequence[Attempt],
+    origin: dict[str, Any],
+    progress: Callable[[Iterable[Attempt]], Iterable[Attempt]] = iter,
+) -> None:
+    """Write the successful attempts to `config.root`, replacing what an interrupted run left there.
+
+    The new dataset is built inside `staging` and takes its place in one rename.
+
+    Args:
+        config: The recipe.
+        staging: Folder of the attempts' files.
+        attempts: All finished attempts, without frames, in order; at least one succeeded.
+        origin: Result of `provenance`.
+        progress: Wraps the episodes that are written, for a progress bar.
+    """
+    build, previous = staging / "dataset", staging / "previous"
+    shutil.rmtree(build, ignore_errors=True)
+    successes = [attempt for attempt in attempts if attempt.success]
+    _write_episodes(config, staging, successes, build, progress)
+    for file in build.glob("data/*/*.parquet"):
+        compress(file)
+    record = {
+        "complete": len(successes) == config.episodes,
+        "episodes": len(successes),
+        "expert": {"successes": len(successes), "attempts": len(attempts)},
+        "recipe": config.to_dict(),
+        **origin,
+        "episode_seeds": [attempt.seed for attempt in successes],
+        "attempts": [attempt.summary() for attempt in attempts],
+    }
+    (build / RECORD_FILE).write_text(json.dumps(record, indent=1) + "\n")
+    header = _RECIPE_HEADER.format(root=config.root, record=RECORD_FILE, **origin, **record["expert"])
+    (build / "recipe.yaml").write_text(header + yaml.safe_dump(config.to_dict(), sort_keys=False))
+    write_card(build)
+    for video in build.rglob("*.mp4"):
+        video.chmod(0o644)  # LeRobot moves them out of private temporary files.
+    shutil.rmtree(previous, ignore_errors=True)
+    if config.root.exists():
+        config.root.rename(previous)
+    config.root.parent.mkdir(parents=True, exist_ok=True)
+    build.rename(config.root)
+    shutil.rmtree(previous, ignore_errors=True)
+
+
+def _write_episodes(
+    config: RecordConfig,
+    staging: Path,
+    successes: Sequence[Attempt],
+    build: Path,
+    progress: Callable[[Iterable[Attempt]], Iterable[Attempt]],
+) -> None:
+    av.logging.set_libav_level(av.logging.PANIC)  # LeRobot's encoder threads let x264 talk otherwise.
+    disable_progress_bars()
+    joints = JOINTS if TASKS[config.task].joints == len(JOINTS) else HAND_JOINTS
+    first = load_attempt(attempt_path(staging, successes[0].index)).frames
+    images = {key: frames.shape[1:] for key, frames in first.items() if key.startswith("observation.images.")}
+    dataset = LeRobotDataset.create(
+        config.repo_id,
+        fps=FPS,
+        features=lerobot_features(columns(joints), images),
+        root=build,
+        robot_type=robot_type(joints),
+        rgb_encoder=RGBEncoderConfig(
+            vcodec="h264", pix_fmt="yuv420p", g=config.video.gop, crf=config.video.crf, preset="slow"
+        ),
+        streaming_encoding=True,
+        encoder_queue_maxsize=10_000,  # LeRobot drops frames when this queue is full; an episode must fit.
+        encoder_threads=1,
+        video_backend="pyav",
+    )
+    for attempt in progress(successes):
+        frames = load_attempt(attempt_path(staging, attempt.index)).frames
+        for k in range(attempt.steps):
+            dataset.add_frame(
+                {key: values[k] for key, values in frames.items()} | {"task": TASKS[config.task].description}
+            )
+        dataset.save_episode()
+    dataset.finalize()
+
+
+def compress(file: Path) -> None:
+    """Rewrite a parquet file with zstd over byte-split floats: same values, smaller than snappy's."""
+    source = pq.ParquetFile(file)
+    temporary = file.with_suffix(".tmp")
+    with pq.ParquetWriter(
+        temporary,
+        source.schema_arrow,
+        compression="zstd",
+        compression_level=15,
+        use_dictionary=False,
+        use_byte_stream_split=True,
+    ) as writer:
+        for group in range(source.num_row_groups):
+            writer.write_table(source.read_row_group(group))
+    temporary.replace(file)

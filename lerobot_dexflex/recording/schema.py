@@ -1,0 +1,93 @@
+"""The columns of the dataset: their names, units and resolution, in one place."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lerobot_dexflex.hand.model import FINGERS, SUBSTEPS, TIMESTEP
+
+FPS = round(1 / (SUBSTEPS * TIMESTEP))
+"""Frames per second of datasets: the control rate."""
+TAXEL_ROWS, TAXEL_COLUMNS = 10, 6
+
+# Powers of two are exact in float32 and leave its low bits zero, which is what compresses.
+ANGLE_STEP = 2.0**-16
+LENGTH_STEP = 2.0**-20
+FORCE_STEP = 2.0**-10
+
+
+class Column(NamedTuple):
+    """One numeric column of the dataset."""
+
+    names: list[str]
+    """Name of every element."""
+    unit: str
+    steps: NDArray[np.float64]
+    """Resolution of every element; recorded values are multiples of it."""
+    meaning: str
+
+
+def columns(joints: Sequence[str]) -> dict[str, Column]:
+    """Return the numeric columns of a robot with these joints, keyed as in the dataset."""
+    angles = [f"{joint}.pos" for joint in joints]
+    tips = [f"{finger}_tip.{axis}" for finger in FINGERS for axis in "xyz"]
+    taxels = [
+        f"{finger}_taxel.{row}.{column}"
+        for finger in FINGERS
+        for row in range(TAXEL_ROWS)
+        for column in range(TAXEL_COLUMNS)
+    ]
+    steps = np.repeat([ANGLE_STEP, LENGTH_STEP], [len(angles), len(tips)])
+    state, length = steps[: len(angles)], steps[len(angles) :]
+    return {
+        "observation.state": Column(angles, "rad", state, "measured joint positions, arm then hand"),
+        "observation.tactile": Column(
+            taxels,
+            "N",
+            np.full(len(taxels), FORCE_STEP),
+            "taxel normal forces, 4 fingers x 10 rows (toward the tip) x 6 columns",
+        ),
+        "observation.fingertips": Column(tips, "m", length, "measured fingertips in the palm frame"),
+        "observation.gravity": Column(
+            [f"gravity.{axis}" for axis in "xyz"],
+            "unit",
+            np.full(3, ANGLE_STEP),
+            "gravity direction in the palm frame",
+        ),
+        "action": Column(
+            angles + tips,
+            "rad, m",
+            steps,
+            "absolute joint targets, then commanded fingertips in the palm frame",
+        ),
+    }
+
+
+def rounded(values: NDArray, steps: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Round values to the nearest multiple of `steps`. Shapes (..., n) and (n,)."""
+    return (np.round(np.asarray(values, np.float64) / steps) * steps).astype(np.float32)
+
+
+def lerobot_features(table: dict[str, Column], images: dict[str, tuple[int, ...]]) -> dict[str, Any]:
+    """Return LeRobot's feature description.
+
+    Args:
+        table: Numeric columns from `columns`.
+        images: Shape (height, width, 3) of each camera, keyed `observation.images.<camera>`.
+    """
+    cameras = {
+        key: {"dtype": "video", "shape": shape, "names": ["height", "width", "channels"]}
+        for key, shape in images.items()
+    }
+    numbers = {
+        key: {"dtype": "float32", "shape": (len(column.names),), "names": column.names}
+        for key, column in table.items()
+    }
+    return cameras | numbers
+
+
+def robot_type(joints: Sequence[str]) -> str:
+    """Return LeRobot's name of the robot: the hand on its arm, or the hand alone."""
+    return "leap_xarm7" if len(joints) > 16 else "leap"

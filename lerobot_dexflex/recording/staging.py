@@ -1,0 +1,103 @@
+"""The folder beside an unfinished dataset that holds its finished attempts."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.recording.attempt import Attempt, load_attempt
+from lerobot_dexflex.recording.config import RecordConfig, identity
+from lerobot_dexflex.recording.provenance import code_digest
+
+RECORD_FILE = Path("meta/recording.json")
+"""In a dataset: what was recorded, with which seeds, by which code."""
+
+
+def staging_folder(root: Path) -> Path:
+    """Return where the attempts of an unfinished recording wait."""
+    return root.with_name(f"{root.name}.partial")
+
+
+def is_complete(config: RecordConfig) -> bool:
+    """Tell whether the dataset of this recipe is already there.
+
+    Raises:
+        DexFlexError: If the output folder holds anything else that recording would overwrite.
+    """
+    root, staging = config.root, staging_folder(config.root)
+    if root.exists() and (not root.is_dir() or any(root.iterdir())):
+        record = _read_record(root)
+        _check_same_recipe(config, record.get("recipe", {}), root)
+        if record["complete"]:
+            if record["episodes"] == config.episodes:
+                return True
+            raise DexFlexError(
+                f"{root} is a finished recording of {record['episodes']} episodes and cannot be changed to "
+                f"{config.episodes}. Choose another --root, or move it away; nothing was changed."
+            )
+        if not staging.is_dir():
+            raise DexFlexError(
+                f"{root} is an interrupted recording, but its attempts in {staging} are gone, so it cannot "
+                "be continued. Choose another --root, or move it away; nothing was changed."
+            )
+    return False
+
+
+def open_staging(config: RecordConfig) -> Path:
+    """Create or continue the staging folder of a recording.
+
+    Raises:
+        DexFlexError: If it belongs to another recipe or to other code; nothing is changed then.
+    """
+    staging = staging_folder(config.root)
+    manifest = staging / "manifest.json"
+    if manifest.is_file():
+        found = json.loads(manifest.read_text())
+        _check_same_recipe(config, found["recipe"], staging)
+        if found["code"] != code_digest():
+            raise DexFlexError(
+                f"{staging} was recorded by other code (digest {found['code']}, now {code_digest()}); mixing "
+                "both would make a dataset nobody can reproduce. Go back to that code, choose another "
+                f"--root, or delete {staging} to start again."
+            )
+        for leftover in staging.glob("*.tmp"):
+            leftover.unlink()
+        return staging
+    if staging.exists() and any(staging.iterdir()):
+        raise DexFlexError(
+            f"{staging} exists and is no staging folder of dexflex-record. Choose another --root, or move it "
+            "away; nothing was changed."
+        )
+    staging.mkdir(parents=True, exist_ok=True)
+    temporary = manifest.with_suffix(".json.tmp")
+    temporary.write_text(json.dumps({"recipe": config.to_dict(), "code": code_digest()}, indent=2))
+    temporary.replace(manifest)
+    return staging
+
+
+def staged_attempts(staging: Path) -> dict[int, Attempt]:
+    """Return the finished attempts without their frames, by number."""
+    attempts = [load_attempt(path, frames=False) for path in sorted(staging.glob("attempt_*.npz"))]
+    return {attempt.index: attempt for attempt in attempts}
+
+
+def _read_record(root: Path) -> dict[str, Any]:
+    try:
+        return json.loads((root / RECORD_FILE).read_text())
+    except (OSError, ValueError) as error:
+        raise DexFlexError(
+            f"{root} exists and is no recording of dexflex-record (no readable {RECORD_FILE}). Choose "
+            "another --root, or move it away; nothing was changed."
+        ) from error
+
+
+def _check_same_recipe(config: RecordConfig, found: dict[str, Any], where: Path) -> None:
+    wanted, have = identity(config.to_dict()), identity(found)
+    different = [
+        f"{key}: {have[key]!r} there, {wanted[key]!r} now" for key in wanted if wanted[key] != have[key]
+    ]
+    if different:
+        raise DexFlexError(
+            f"{where} holds a recording of another recipe ({'; '.join(different)}). Choose another --root, "
+            "or move it away; nothing was changed."
+        )

@@ -1,0 +1,187 @@
+import json
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.recording import RecordConfig, attempt, record
+
+
+@pytest.fixture(scope="session")
+def LeRobotDataset():  # noqa: N802
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    return LeRobotDataset
+
+
+def numbers(dataset):
+    """Return all numeric columns of a dataset."""
+    table = dataset.hf_dataset.with_format("numpy")[:]
+    return {key: np.stack(values) for key, values in table.items()}
+
+
+def config(task, root, **changes):
+    return RecordConfig(**{"task": task, "episodes": 4, "root": root, "workers": 0} | changes)
+
+
+def load(LeRobotDataset, root):
+    return LeRobotDataset(f"lerobot-dexflex/{root.name}", root=root, video_backend="pyav")
+
+
+def test_a_recording_keeps_successes_only_and_counts_the_failures(counting_task, tmp_path, LeRobotDataset):
+    root = tmp_path / "count"
+    assert record.record(config(counting_task, root), ["--task=Count-v0"])
+    dataset = load(LeRobotDataset, root)
+    # Seeds 2 and 3 fail, so four successes need six attempts.
+    found = json.loads((root / "meta/recording.json").read_text())
+    assert found["episode_seeds"] == [0, 1, 4, 5]
+    assert found["expert"] == {"successes": 4, "attempts": 6}
+    assert [a["success"] for a in found["attempts"]] == [True, True, False, False, True, True]
+    assert (dataset.num_episodes, dataset.num_frames, dataset.fps) == (4, 36, 20)
+    assert dataset.meta.robot_type == "leap_xarm7"
+    assert not (tmp_path / "count.partial").exists()
+
+
+def test_frame_k_holds_the_observation_before_the_step_and_the_label(counting_task, tmp_path, LeRobotDataset):
+    root = tmp_path / "count"
+    record.record(config(counting_task, root, seed=1, episodes=2), [])
+    dataset = load(LeRobotDataset, root)
+    # Seed 1 succeeds, 2 and 3 fail: the second episode is attempt 3 with seed 4; its step 5 is frame 14.
+    frame = dataset[14]
+    np.testing.assert_array_equal(frame["observation.state"], np.full(23, 4 + 5 / 16, np.float32))
+    np.testing.assert_array_equal(frame["observation.tactile"], np.arange(240, dtype=np.float32))
+    np.testing.assert_array_equal(frame["observation.gravity"], [0, 0, -1])
+    noise = np.random.default_rng((1, 3)).normal(size=(9, 23))
+    np.testing.assert_allclose(frame["action"][:23], noise[5], atol=2.0**-17)
+    np.testing.assert_array_equal(frame["action"][23:], np.full(12, 5 / 128, np.float32))
+    assert frame["task"] == "Count to nine."
+    for k in range(18):
+        gray = 10 * (k % 9) + 5 * (1 if k < 9 else 4)
+        for camera in ("front", "wrist"):
+            image = dataset[k][f"observation.images.{camera}"]
+            np.testing.assert_allclose(255 * image, gray, atol=2)
+
+
+def test_every_element_is_named(counting_task, tmp_path):
+    root = tmp_path / "count"
+    record.record(config(counting_task, root, episodes=1), [])
+    features = json.loads((root / "meta/info.json").read_text())["features"]
+    for key, size in {"state": 23, "tactile": 240, "fingertips": 12, "gravity": 3}.items():
+        assert len(set(features[f"observation.{key}"]["names"])) == size
+        assert features[f"observation.{key}"]["shape"] == [size]
+    names = features["action"]["names"]
+    assert len(names) == 35
+    assert names[:8] == [*(f"joint{k}.pos" for k in range(1, 8)), "if_mcp.pos"]
+    assert names[23:26] == ["if_tip.x", "if_tip.y", "if_tip.z"]
+    assert names[-1] == "th_tip.z"
+    assert features["observation.images.front"]["info"]["video.codec"] == "h264"
+
+
+def test_statistics_are_those_of_the_numbers(counting_task, tmp_path, LeRobotDataset):
+    root = tmp_path / "count"
+    record.record(config(counting_task, root), [])
+    dataset = load(LeRobotDataset, root)
+    for key in ("observation.state", "observation.tactile", "action"):
+        values = numbers(dataset)[key].astype(np.float64)
+        stats = dataset.meta.stats[key]
+        np.testing.assert_allclose(stats["mean"], values.mean(0), atol=1e-5)
+        np.testing.assert_allclose(stats["std"], values.std(0), atol=1e-5)
+        np.testing.assert_allclose(stats["min"], values.min(0), atol=1e-6)
+        np.testing.assert_allclose(stats["max"], values.max(0), atol=1e-6)
+
+
+def test_an_interrupted_recording_is_loadable_and_continues_to_the_same_data(
+    counting_task, tmp_path, monkeypatch, LeRobotDataset
+):
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    record.record(config(counting_task, whole), [])
+
+    original = attempt.run_attempt
+
+    def interrupted(task, seed, index):
+        if index == 4:
+            raise KeyboardInterrupt
+        return original(task, seed, index)
+
+    monkeypatch.setattr(record, "run_attempt", interrupted)
+    assert not record.record(config(counting_task, broken), [])
+    assert load(LeRobotDataset, broken).num_episodes == 2
+    assert "Unfinished" in (broken / "README.md").read_text()
+
+    recorded = []
+    monkeypatch.setattr(
+        record, "run_attempt", lambda task, seed, k: recorded.append(k) or original(task, seed, k)
+    )
+    assert record.record(config(counting_task, broken), [])
+    assert recorded == [4, 5]
+    one, other = numbers(load(LeRobotDataset, whole)), numbers(load(LeRobotDataset, broken))
+    assert one.keys() == other.keys()
+    for key in one:
+        np.testing.assert_array_equal(one[key], other[key])
+    for video in whole.glob("videos/**/*.mp4"):
+        assert video.read_bytes() == (broken / video.relative_to(whole)).read_bytes()
+    assert "Unfinished" not in (broken / "README.md").read_text()
+
+
+def test_a_finished_recording_is_left_alone(counting_task, tmp_path, capsys):
+    root = tmp_path / "count"
+    record.record(config(counting_task, root, episodes=1), [])
+    before = {path: path.stat().st_mtime_ns for path in root.rglob("*")}
+    assert record.record(config(counting_task, root, episodes=1), [])
+    assert "Nothing to do" in capsys.readouterr().out
+    with pytest.raises(DexFlexError, match=r"finished recording of 1 episodes.*changed to\s*2"):
+        record.record(config(counting_task, root, episodes=2), [])
+    with pytest.raises(DexFlexError, match="seed: 0 there, 7 now"):
+        record.record(config(counting_task, root, episodes=1, seed=7), [])
+    assert before == {path: path.stat().st_mtime_ns for path in root.rglob("*")}
+
+
+def test_a_folder_of_something_else_is_refused_and_kept(counting_task, tmp_path):
+    root = tmp_path / "thesis"
+    root.mkdir()
+    (root / "chapter.txt").write_text("years of work")
+    with pytest.raises(DexFlexError, match="no recording of dexflex-record"):
+        record.record(config(counting_task, root), [])
+    assert (root / "chapter.txt").read_text() == "years of work"
+    shutil.move(root, tmp_path / "other.partial")
+    with pytest.raises(DexFlexError, match="no staging folder"):
+        record.record(config(counting_task, tmp_path / "other"), [])
+    assert (tmp_path / "other.partial/chapter.txt").read_text() == "years of work"
+
+
+def test_attempts_of_other_code_are_not_mixed(counting_task, tmp_path, monkeypatch):
+    def interrupted(task, seed, index):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(record, "run_attempt", interrupted)
+    assert not record.record(config(counting_task, tmp_path / "count"), [])
+    monkeypatch.setattr("lerobot_dexflex.recording.staging.code_digest", lambda: "changed")
+    with pytest.raises(DexFlexError, match="other code"):
+        record.record(config(counting_task, tmp_path / "count"), [])
+
+
+def test_an_expert_that_keeps_failing_ends_in_an_error_with_the_episodes_kept(
+    counting_task, tmp_path, LeRobotDataset
+):
+    root = tmp_path / "count"
+    with pytest.raises(DexFlexError, match="only 2 times in 4 attempts"):
+        record.record(config(counting_task, root, max_attempts=4), [])
+    assert load(LeRobotDataset, root).num_episodes == 2
+    assert record.record(config(counting_task, root, max_attempts=6), [])
+    assert load(LeRobotDataset, root).num_episodes == 4
+
+
+def test_the_recipe_in_the_dataset_records_it_again(counting_task, tmp_path):
+    import draccus
+
+    root = tmp_path / "count"
+    original = config(counting_task, root, episodes=1, seed=5)
+    record.record(original, [])
+    assert draccus.parse(RecordConfig, config_path=root / "recipe.yaml", args=[]) == original
+    front_matter = yaml.safe_load((root / "README.md").read_text().split("---")[1])
+    assert front_matter["license"] == "apache-2.0"
+    assert front_matter["task_categories"] == ["robotics"]
+    assert "LeRobot" in front_matter["tags"]
+    assert "1 of 1 attempts succeeded" in (root / "README.md").read_text()
