@@ -1,6 +1,6 @@
 """Render docs/place_hammer.png: four moments of a demonstration, each above what the fingertips feel.
 
-    python docs/render_picture.py
+python docs/render_picture.py
 """
 
 from pathlib import Path
@@ -21,12 +21,12 @@ MOMENTS = (36, 90, 152, 185)
 SIZE, SUPERSAMPLING = 300, 4
 
 
-def panel(env: HandEnv, tactile: NDArray) -> Image.Image:
-    """Return the front camera's picture above the touch of the four fingertips."""
-    view = Image.fromarray(env.render()).resize((SIZE, SIZE), Image.Resampling.LANCZOS)
+def panel(picture: NDArray[np.uint8], tactile: NDArray) -> NDArray[np.uint8]:
+    """Return the camera's picture above the touch of the four fingertips."""
+    view = Image.fromarray(picture).resize((SIZE, SIZE), Image.Resampling.LANCZOS)
     strip = Image.fromarray(touch_strip(tactile))
     strip = strip.resize((SIZE, SIZE * strip.height // strip.width), Image.Resampling.NEAREST)
-    return Image.fromarray(np.concatenate([view, strip]))
+    return np.concatenate([np.asarray(view), np.asarray(strip)])
 
 
 def main() -> None:
@@ -34,19 +34,21 @@ def main() -> None:
     size = SIZE * SUPERSAMPLING
     env = gymnasium.make(f"lerobot_dexflex/{TASK}", cameras=(), render_size=size).unwrapped
     assert isinstance(env, HandEnv)
-    observation, _ = env.reset(seed=SEED)
-    panels = []
+    observation, info = env.reset(seed=SEED)
+    panels, step = [], 0
     for step, command in enumerate(make_expert(TASK)(env, np.random.default_rng(SEED))):
-        if step in MOMENTS:
-            panels.append(panel(env, observation["tactile"]))
+        picture = env.render() if step in MOMENTS else None
+        if picture is not None:
+            panels.append(panel(picture, observation["tactile"]))
         observation, _, done, _, info = env.step(command.executed)
         if done:
             break
     print(f"success: {info['is_success']} after {step + 1} steps")
-    gap = np.full((panels[0].height, 6, 3), 255, np.uint8)
-    columns = [part for image in panels for part in (np.asarray(image), gap)][:-1]
-    picture = Image.fromarray(np.concatenate(columns, axis=1))
-    picture.save(Path(__file__).with_name("place_hammer.png"), optimize=True)
+    gap = np.full((len(panels[0]), 6, 3), 255, np.uint8)
+    columns = [part for image in panels for part in (image, gap)][:-1]
+    Image.fromarray(np.concatenate(columns, axis=1)).save(
+        Path(__file__).with_name("place_hammer.png"), optimize=True
+    )
 
 
 if __name__ == "__main__":

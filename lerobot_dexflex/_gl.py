@@ -52,7 +52,10 @@ def select_backend() -> Backend:
 
 
 def _first_loadable() -> Backend:
-    return next((backend for backend in _LIBRARIES if _loadable(backend)), "ray")
+    for backend in _LIBRARIES:
+        if _loadable(backend):
+            return backend
+    return "ray"
 
 
 def _loadable(backend: Backend) -> bool:

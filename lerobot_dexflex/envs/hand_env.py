@@ -2,7 +2,7 @@
 
 import copy
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import gymnasium
@@ -29,7 +29,7 @@ class Snapshot(NamedTuple):
     physics: NDArray[np.float64]
     command: NDArray[np.float64]
     touch: Any
-    rng: dict[str, Any]
+    rng: Mapping[str, Any]
     memory: dict[str, Any]
 
 
@@ -56,7 +56,10 @@ class HandEnv(gymnasium.Env):
         touch: Sensor effects; `TouchConfig.ideal()` switches them off.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 20}
+    metadata: ClassVar[dict[str, Any]] = {  # pyright: ignore[reportIncompatibleVariableOverride]
+        "render_modes": ["rgb_array"],
+        "render_fps": 20,
+    }
     task: ClassVar[str]
     """Name in `TASKS`."""
     joints: ClassVar[tuple[str, ...]] = robot.JOINTS
@@ -91,8 +94,10 @@ class HandEnv(gymnasium.Env):
 
     def _observation_spaces(self) -> dict[str, spaces.Space]:
         image = spaces.Box(0, 255, (self._image_size, self._image_size, 3), np.uint8)
-        pixels = {"pixels": spaces.Dict(dict.fromkeys(self._cameras, image))} if self._cameras else {}
-        return pixels | {
+        found: dict[str, spaces.Space] = {}
+        if self._cameras:
+            found["pixels"] = spaces.Dict(dict.fromkeys(self._cameras, image))
+        return found | {
             "agent_pos": spaces.Box(-np.inf, np.inf, (len(self.joints),), np.float32),
             "tactile": spaces.Box(0, np.inf, (240,), np.float32),
             "fingertips": spaces.Box(-np.inf, np.inf, (12,), np.float32),

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
 
@@ -54,7 +54,7 @@ class FingertipExecutor:
         return self.joints
 
 
-def fingertips_of(hand_joints: Array) -> Array:
+def fingertips_of(hand_joints: ArrayLike) -> Array:
     """Return the fingertips [m] (4, 3), palm frame, of hand joints [rad] (16,)."""
     return fingertips(torch.as_tensor(np.asarray(hand_joints, float)).view(1, 16))[0].numpy()
 

@@ -111,7 +111,7 @@ class ArmKinematics:
                 null_space = np.eye(N_ARM) - np.linalg.pinv(jacobian, rcond=1e-3) @ jacobian
                 step += posture_gain * null_space @ (self.posture - joints)
             step *= min(1.0, 0.3 / max(np.abs(step).max(), 1e-9))
-            joints = np.clip(joints + step, self._lower + 0.01, self._upper - 0.01)
+            joints[:] = np.clip(joints + step, self._lower + 0.01, self._upper - 0.01)
         return joints
 
     def reach(self, seed: Array, position: Array, rotation: Array) -> Array:

@@ -183,7 +183,7 @@ class TouchSensor:
         depths = data.sensordata[self._depth[touched]]
         loads = winkler_loads(depths, forces[touched], self.config.stiffness)
         for row in np.flatnonzero(depths.max(axis=1) <= 0.0):
-            loads[row] = self._nearest(data, touched[row]) * forces[touched[row]]
+            loads[row] = self._nearest(data, int(touched[row])) * forces[touched[row]]
         along, across = self._spread
         taxels[touched] = along @ loads.reshape(-1, *TAXELS) @ across
         return taxels

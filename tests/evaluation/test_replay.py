@@ -93,7 +93,9 @@ def test_noise_shakes_the_commanded_fingertips_within_its_width_and_repeats_by_s
         played = []
         for _ in range(3):
             controller.act({"agent_pos": STATE}, "task")
-            played.append(controller._interface.command[0].reshape(-1).numpy())
+            command = controller._interface.command
+            assert command is not None
+            played.append(command[0].reshape(-1).numpy())
         return np.array(played)
 
     error = commands(0) - actions[:, 23:]

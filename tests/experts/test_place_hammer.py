@@ -56,7 +56,7 @@ def test_executing_the_commanded_fingertips_gives_the_recorded_joints(demonstrat
 
 def test_replaying_the_recorded_commands_without_noise_succeeds(demonstration):
     env, commands, *_ = demonstration
-    env.reset(seed=SEED)
+    _, info = env.reset(seed=SEED)
     for command in [*commands, *[commands[-1]] * 20]:
         *_, done, _, info = env.step(command.joint_targets)
         if done:
