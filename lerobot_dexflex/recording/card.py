@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from huggingface_hub import DatasetCardData
-from statsmodels.stats.proportion import proportion_confint
 
 from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.evaluation.statistics import success_rate
 from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
 from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP, columns
 from lerobot_dexflex.recording.staging import RECORD_FILE
@@ -23,7 +23,7 @@ _TEMPLATE = """\
 `{task}`, "{description}", on a {robot}, made by the scripted privileged expert of
 [lerobot_dexflex](https://github.com/lerobot-dexflex/lerobot_dexflex). LeRobotDataset {version}.{warning}
 
-**Expert.** {successes} of {attempts} attempts succeeded: {rate:.0%} (Wilson 95 %: {low:.0%} to {high:.0%}).
+**Expert.** {successes} of {attempts} attempts succeeded: {rate:.0f} % (Wilson 95 %: {low:.0f}-{high:.0f} %).
 Failed attempts are left out; seeds and outcomes of all attempts are in [{record}]({record}).
 
 ## Columns
@@ -81,7 +81,8 @@ def write_card(root: Path) -> None:
 
 def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
     recipe, expert = record["recipe"], record["expert"]
-    low, high = proportion_confint(expert["successes"], expert["attempts"], method="wilson")
+    successes, attempts = expert["successes"], expert["attempts"]
+    low, high = success_rate([True] * successes + [False] * (attempts - successes)).pc_success_ci95
     data = DatasetCardData(
         license="apache-2.0",
         task_categories=["robotics"],
@@ -105,7 +106,7 @@ def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
         version=info["codebase_version"],
         warning="" if record["complete"] else "\n\n**Unfinished:** run the command below again to continue.",
         **expert,
-        rate=expert["successes"] / expert["attempts"],
+        rate=100 * successes / attempts,
         low=low,
         high=high,
         record=RECORD_FILE.as_posix(),

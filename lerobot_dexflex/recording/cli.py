@@ -3,7 +3,7 @@
 import sys
 
 import draccus
-from draccus.utils import DecodingError
+from draccus.utils import DraccusException
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.recording.config import RecordConfig
@@ -19,12 +19,18 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         config = draccus.parse(RecordConfig, args=arguments)
         return 0 if record(config, arguments) else 130
-    except (DexFlexError, DecodingError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+    except (DexFlexError, DraccusException, OSError) as error:
+        print(f"error: {_reason(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("Stopped. Run the same command again to continue.", file=sys.stderr)
         return 130
+
+
+def _reason(error: BaseException) -> BaseException:
+    """Return our own message where draccus only says that a class could not be made."""
+    cause = error.__cause__
+    return cause if isinstance(error, DraccusException) and isinstance(cause, DexFlexError) else error
 
 
 if __name__ == "__main__":
