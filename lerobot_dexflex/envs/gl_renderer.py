@@ -4,6 +4,7 @@ import atexit
 import importlib
 import os
 import threading
+import weakref
 from typing import Any
 
 import mujoco
@@ -22,14 +23,16 @@ _HIDDEN_EFFECTS = (
 )
 _CONTEXT_MODULES = {"egl": "mujoco.egl", "osmesa": "mujoco.osmesa", "glfw": "mujoco.glfw"}
 _thread = threading.local()
+_created_in: int | None = None
+"""Process in which a context was created last; after a fork it is not ours."""
 
 
 class GlRenderer:
     """An offscreen OpenGL context that draws any camera of any model at any size.
 
     Creating it costs about 0.1 s and leaks about 1 MB when freed, so models that are rebuilt every episode
-    must share one. What it keeps on the graphics side are meshes, textures and height fields; it is made
-    anew only when those differ.
+    must share one. What it keeps on the graphics side are planes, meshes, textures and height fields; these
+    are uploaded anew only when they differ.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -38,10 +41,11 @@ class GlRenderer:
         Args:
             model: The first model to draw.
         """
-        self._process = os.getpid()
+        self._owner = os.getpid(), threading.get_ident()
+        self._context: Any = None
         self._graphics: mujoco.MjrContext | None = None
         module = importlib.import_module(_CONTEXT_MODULES[select_backend()])
-        self._context: Any = module.GLContext(640, 480)
+        self._context = module.GLContext(640, 480)
         self._context.make_current()
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED.value
@@ -88,13 +92,16 @@ class GlRenderer:
         return image[::-1]
 
     def close(self) -> None:
-        """Free the context; harmless when called twice or in a forked child."""
-        if os.getpid() != self._process or self._context is None:
+        """Free the context; does nothing the second time, in a forked child or in another thread."""
+        if self._context is None or self._owner != (os.getpid(), threading.get_ident()):
             return
         self._context.make_current()
         self._free_graphics()
         self._context.free()
         self._context = None
+
+    def __del__(self) -> None:
+        self.close()
 
     def _load(self, model: mujoco.MjModel) -> None:
         """Upload the assets of a model to the graphics side."""
@@ -122,6 +129,7 @@ def thread_renderer(model: mujoco.MjModel) -> GlRenderer:
     Raises:
         DexFlexError: In a process forked after its parent created a context, where OpenGL would hang.
     """
+    global _created_in
     if _created_in is not None and _created_in != os.getpid():
         raise DexFlexError(
             f"OpenGL was already in use when process {_created_in} forked this one and would hang here. "
@@ -130,25 +138,26 @@ def thread_renderer(model: mujoco.MjModel) -> GlRenderer:
     renderer = getattr(_thread, "renderer", None)
     if renderer is None:
         renderer = _thread.renderer = GlRenderer(model)
-        _remember_process()
-        atexit.register(renderer.close)
+        _created_in = os.getpid()
+        # OpenGL is gone when Python deletes modules; a weak reference leaves the contexts of threads to them.
+        atexit.register(_close, weakref.ref(renderer))
     return renderer
 
 
-_created_in: int | None = None
-
-
-def _remember_process() -> None:
-    global _created_in
-    _created_in = os.getpid()
+def _close(reference: weakref.ref[GlRenderer]) -> None:
+    renderer = reference()
+    if renderer is not None:
+        renderer.close()
 
 
 def _assets(model: mujoco.MjModel) -> tuple[Any, ...]:
     """Return what a graphics context copies from a model when it is created."""
     quality = model.vis.quality
+    planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE  # Unlike other primitives stored at their size.
     return (
         (quality.numslices, quality.numstacks, quality.numquads, quality.offsamples, quality.shadowsize),
         (model.nskin, model.nflex),
+        model.geom_size[planes],
         model.mesh_vert,
         model.mesh_face,
         model.hfield_data,
