@@ -139,7 +139,8 @@ class TouchSensor:
     palmar half of its tip, whoever touches it: objects, the world or another finger. Pushing on the very
     end, the sides or the back of a tip is therefore not felt. Force at the rounded nose is felt through its
     component along the pad normal; where it reaches no taxel through the skin, the taxels nearest to the
-    contact carry it, so that the taxels of a finger always sum to its normal force.
+    contact carry it, so that the taxels of a finger always sum to its normal force. A sharp edge is thinner
+    than the pitch: sliding across the pad it jumps from one line of taxels to the next.
 
     Values come from `data.sensordata`, hence from the state at the start of the latest physics step: call
     `mujoco.mj_forward` (or step) after setting a state by hand.
