@@ -1,0 +1,155 @@
+"""Measure what a control step costs while the hammer is in the hand: cameras, touch, physics, kinematics.
+
+python eval/bench.py
+"""
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import gymnasium
+import mujoco
+import numpy as np
+import torch
+from gymnasium.vector import AsyncVectorEnv
+
+import lerobot_dexflex  # noqa: F401  (registers the tasks and chooses the renderer)
+from lerobot_dexflex.envs.hand_env import CAMERAS
+from lerobot_dexflex.envs.rendering import Camera
+from lerobot_dexflex.experts import make_expert
+from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
+from lerobot_dexflex.hand.model import SUBSTEPS
+from lerobot_dexflex.hand.touch import TouchSensor
+
+TASK, SEED = "PlaceHammer-v0", 100_000
+HELD_AFTER = 66
+"""Control steps of the expert after which the hammer is lifted."""
+SWAY = 0.05
+"""Amplitude of the wrist motion while measuring [rad]."""
+WINDOW, WINDOWS = 20, 10
+
+
+class HeldHammer(gymnasium.Wrapper):
+    """PlaceHammer from the moment the hammer is lifted; `step` ignores its action and sways the wrist."""
+
+    def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
+        """Let the expert pick the hammer up."""
+        del options
+        env: Any = self.env.unwrapped
+        env.reset(seed=SEED)
+        for step, command in enumerate(make_expert(TASK)(env, np.random.default_rng(SEED))):
+            env.advance(command.joint_targets)
+            if step == HELD_AFTER:
+                break
+        self._target, self._time = env.command, 0.0
+        return env.step(self._target)[0], {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Sway joints 5 to 7."""
+        del action
+        self._time += 0.05
+        target = self._target.copy()
+        target[4:7] += SWAY * np.sin(2 * np.pi * 0.3 * self._time)
+        observation, reward, _, _, info = self.env.unwrapped.step(target)
+        return observation, float(reward), False, False, info
+
+
+def held_hammer(cameras: tuple[str, ...] = CAMERAS) -> gymnasium.Env:
+    """Return the environment in the phase that is measured."""
+    return HeldHammer(gymnasium.make(f"lerobot_dexflex/{TASK}", cameras=cameras, disable_env_checker=True))
+
+
+def best(work: Callable[[], Any], repeats: int, windows: int = WINDOWS) -> float:
+    """Return the seconds that one call of `work` takes in the fastest of several windows of calls."""
+    work()
+    times = []
+    for _ in range(windows):
+        begin = time.perf_counter()
+        for _ in range(repeats):
+            work()
+        times.append((time.perf_counter() - begin) / repeats)
+    return min(times)
+
+
+def environment_rates(workers: int) -> dict[str, float]:
+    """Return control steps per second in contact: one process, without cameras, and in worker processes."""
+    rates = {}
+    for name, cameras in (("cameras and touch", CAMERAS), ("touch only", ())):
+        env = held_hammer(cameras)
+        env.reset()
+        rates[f"{name}, one core"] = 1 / best(partial(env.step, None), WINDOW)
+        assert env.step(None)[4]["holding"], "the hammer was lost: this is no measurement of a grasp"
+        env.close()
+    vector = AsyncVectorEnv([held_hammer] * workers, context="forkserver")
+    vector.reset()
+    actions = np.zeros(vector.action_space.shape, np.float32)
+    rates[f"cameras and touch, {workers} workers"] = workers / best(lambda: vector.step(actions), WINDOW)
+    vector.close()
+    return rates
+
+
+def part_costs() -> dict[str, float]:
+    """Return what single parts of a control step cost, in seconds."""
+    env: Any = held_hammer()
+    env.reset()
+    model, data = env.unwrapped.model, env.unwrapped.data
+    camera, sensor, rng = Camera(model, "front", 96, 96), TouchSensor(model), np.random.default_rng(0)
+    hand = torch.as_tensor(env.unwrapped.command[7:]).view(1, 16)
+    tips = fingertips(hand) + 0.002
+    batch = (tips.expand(64, -1, -1), hand.expand(64, -1))
+    return {
+        "bare mj_step": best(lambda: mujoco.mj_step(model, data), SUBSTEPS * WINDOW),
+        "one camera, 96 x 96": best(lambda: camera.render(data), WINDOW),
+        "240 taxels": best(lambda: sensor.read(data, rng), WINDOW),
+        "fingertip IK, 1 hand": best(lambda: solve_fingertips(tips, hand), WINDOW),
+        "fingertip IK, 64 hands": best(lambda: solve_fingertips(*batch), WINDOW),
+    }
+
+
+def policy_costs(checkpoint: Path) -> dict[str, float]:
+    """Return seconds per control step of the shipped draft policy, planning included; empty without it."""
+    if not checkpoint.is_dir():
+        return {}
+    from lerobot_dexflex.evaluation.policies import LeRobotPolicies
+
+    env = held_hammer()
+    observation, _ = env.reset()
+    stacked = {key: value[None] for key, value in observation.items() if key != "pixels"}
+    stacked["pixels"] = {name: image[None] for name, image in observation["pixels"].items()}
+    controller = LeRobotPolicies(joint=checkpoint, draft=checkpoint)("raw")
+    controller.reset([SEED])
+    task = str(env.get_wrapper_attr("task_description"))
+    return {"policy `raw`, per control step": best(lambda: controller.act(stacked, task), 24, 5)}
+
+
+def main() -> None:
+    """Print the table; the fastest windows are shown, because other work on the machine only slows down."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--workers", type=int, default=2, help="worker processes; default 2")
+    options.add_argument("--json", type=Path, help="also write the numbers to this file")
+    arguments = options.parse_args()
+    torch.set_num_threads(1)
+    parts = part_costs()
+    rates = environment_rates(arguments.workers)
+    rates["bare mj_step of the same model, one core"] = 1 / (SUBSTEPS * parts["bare mj_step"])
+    parts |= policy_costs(Path("policies/checkpoints/place_hammer_draft"))
+    print(f"{TASK}, hammer in the hand, wrist swaying; renderer {os.environ['MUJOCO_GL']}\n")
+    print(f"{'control steps per second':45}{'20 Hz real time':>18}")
+    for name, rate in rates.items():
+        print(f"  {name:38}{rate:7.0f}{rate / 20:14.1f} x")
+    print("\ncost of parts")
+    for name, seconds in parts.items():
+        print(f"  {name:38}{1e3 * seconds:10.3f} ms")
+    if arguments.json:
+        arguments.json.write_text(json.dumps({"control_steps_per_second": rates, "seconds": parts}, indent=2))
+
+
+if __name__ == "__main__":
+    main()
