@@ -38,7 +38,7 @@ class Outcome:
 
     interface: str
     episode: int
-    """Index in the comparison; the same index is the same initial state and policy noise everywhere."""
+    """Index in the comparison; the same index is the same initial state under every interface."""
     seed: int
     group: tuple[int, int]
     """First and one past the last episode that ran in the same batch."""

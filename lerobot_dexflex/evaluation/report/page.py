@@ -56,7 +56,7 @@ def _page(result: dict[str, Any], outcomes: Sequence[Outcome], folder: Path, vid
     sections = [
         f"<h1>{html.escape(result['identity']['env'])}: {html.escape(', '.join(interfaces))}</h1>",
         f"<p>{result['n_episodes']} paired episodes per interface (seeds {first} to {last}): the same "
-        "initial states and policy noise for every interface.</p>",
+        "initial states for every interface, with the same policy noise where they share a checkpoint.</p>",
         _table(table.RATE_HEADER, table.rate_rows(result)),
         '<div class="row">',
         _picture(plots.success(result), "Success rates with Wilson 95 % intervals."),

@@ -45,7 +45,7 @@ def paired(outcomes: Outcomes) -> bytes:
     axes.pcolormesh(grid, cmap=colours, vmin=-0.5, vmax=2.5, edgecolors="#80879255", linewidth=0.3)
     axes.set_yticks(np.arange(len(outcomes)) + 0.5, list(outcomes))
     axes.invert_yaxis()
-    axes.set_xlabel("episode (same initial state and policy noise in a column)")
+    axes.set_xlabel("episode (same initial state in a column)")
     handles = [Figure().add_subplot().plot([], [], "s", color=c, label=n)[0] for n, c in _ENDINGS.items()]
     axes.legend(handles=handles, ncols=3, loc="lower left", bbox_to_anchor=(0, 1), **_LEGEND)
     return _png(figure)
