@@ -45,27 +45,54 @@ class RayRenderer:
         """Return the picture. Shape (height, width, 3), RGB."""
         orientation = data.cam_xmat[self._camera].reshape(3, 3)
         np.matmul(self._rays_camera, orientation.T, out=self._rays_world)
+        everything = np.arange(len(self._rays_world))
+        color, opacity = self._cast(data, everything, -orientation[:, 2])
+        veiled = np.flatnonzero(opacity < 1)
+        if veiled.size:
+            behind = self._cast_behind(data, veiled, -orientation[:, 2])
+            color[veiled] = opacity[veiled] * color[veiled] + (1 - opacity[veiled]) * behind
+        return (color * 255 + 0.5).astype(np.uint8).reshape(*self._shape, 3)
+
+    def _cast_behind(
+        self, data: mujoco.MjData, pixels: NDArray[np.intp], forward: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
+        """Return what lies behind translucent geoms. Shape (pixels, 3)."""
+        alpha = self._model.geom_rgba[:, 3]
+        kept = alpha.copy()
+        alpha[kept < 1] = 0.0  # Rays pass through invisible geoms.
+        try:
+            return self._cast(data, pixels, forward)[0]
+        finally:
+            alpha[:] = kept
+
+    def _cast(
+        self, data: mujoco.MjData, pixels: NDArray[np.intp], forward: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return colour (pixels, 3) in [0, 1] and opacity (pixels, 1) of the first geom along some rays."""
+        n = len(pixels)
         mujoco.mj_multiRay(
             self._model,
             data,
             data.cam_xpos[self._camera],
-            self._rays_world.ravel(),  # pyright: ignore[reportArgumentType]
+            self._rays_world[pixels].ravel(),  # pyright: ignore[reportArgumentType]
             self._groups,  # pyright: ignore[reportArgumentType]
             1,
             -1,
-            self._geom,  # pyright: ignore[reportArgumentType]
-            self._distance,  # pyright: ignore[reportArgumentType]
-            self._normal.reshape(-1),  # pyright: ignore[reportArgumentType]
-            len(self._geom),
+            self._geom[:n],  # pyright: ignore[reportArgumentType]
+            self._distance[:n],  # pyright: ignore[reportArgumentType]
+            self._normal[:n].reshape(-1),  # pyright: ignore[reportArgumentType]
+            n,
             self._far,
         )
-        hit = np.flatnonzero(self._geom >= 0)
+        hit = np.flatnonzero(self._geom[:n] >= 0)
         geom = self._geom[hit]
         reflectance, emission = self._surfaces()
-        light = self._light(data, self._normal[hit].astype(np.float32), -orientation[:, 2]) + emission[geom]
-        image = np.zeros((len(self._geom), 3), np.uint8)
-        image[hit] = np.minimum(reflectance[geom] * light, 1.0) * 255 + 0.5
-        return image.reshape(*self._shape, 3)
+        light = self._light(data, self._normal[hit].astype(np.float32), forward) + emission[geom]
+        color, opacity = np.zeros((n, 3), np.float32), np.ones((n, 1), np.float32)
+        color[hit] = np.minimum(reflectance[geom, :3] * light, 1.0)
+        # OpenGL blends a translucent geom twice, where a ray enters and where it leaves.
+        opacity[hit] = 1 - (1 - reflectance[geom, 3:]) ** 2
+        return color, opacity
 
     def _light(
         self, data: mujoco.MjData, normals: NDArray[np.float32], forward: NDArray[np.float64]
@@ -86,7 +113,7 @@ class RayRenderer:
         return facing @ diffuse.astype(np.float32) + ambient.astype(np.float32)
 
     def _surfaces(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return reflectance (geoms, 3) and emission (geoms, 1), unitless in [0, 1]."""
+        """Return reflectance and opacity (geoms, 4) and emission (geoms, 1), unitless in [0, 1]."""
         model = self._model
         color = model.geom_rgba.copy()
         emission = np.zeros((model.ngeom, 1), np.float32)
@@ -96,4 +123,4 @@ class RayRenderer:
             emission[shaded, 0] = model.mat_emission[material]
             plain = (color[shaded] == _UNSET_COLOR).all(axis=1)
             color[shaded[plain]] = model.mat_rgba[material[plain]]
-        return color[:, :3], emission
+        return color, emission

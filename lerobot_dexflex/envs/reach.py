@@ -36,7 +36,8 @@ DROP_DISTANCE = 0.08
 DROP_STEPS = 6
 
 _CONTROL_PERIOD = robot.TIMESTEP * robot.SUBSTEPS
-_FOUR_FINGERS = 0.4
+_FOUR_FINGERS = 0.5
+"""How often a grasp with all four fingers is sought first; about half of these searches find one."""
 _GHOST = "goal"
 
 
@@ -113,10 +114,10 @@ class ReachEnv(HandEnv):
         while True:
             object_spec = sample_object(rng)
             gravity, axis = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
-            fingers, tries = (4, 40) if rng.random() < _FOUR_FINGERS else (3, 200)
+            fingers, tries = (4, 100) if rng.random() < _FOUR_FINGERS else (3, 200)
             try:
                 grasp = GraspSearch(object_spec, gravity).find(rng, fingers, tries)
-            except DexFlexError:
+            except DexFlexError:  # This object cannot be held so; the next one may.
                 continue
             return ReachEpisode(object_spec, tuple(gravity), tuple(axis), *map(tuple, grasp[:4]))
 
@@ -126,7 +127,7 @@ class ReachEnv(HandEnv):
         add_touch(spec)
         add_ghost(spec, episode.object_spec, _GHOST)
         tune_visuals(spec)
-        _light_from_below(spec)
+        _light_both_sides(spec)
         add_camera(spec, "front", position=(0.16, -0.24, -0.30), target=(-0.02, -0.02, -0.09), fovy=40)
         add_wrist_camera(spec.body("palm"), position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         return spec
@@ -189,17 +190,17 @@ class ReachEnv(HandEnv):
         self.model.opt.gravity = GRAVITY * direction
 
 
-def _light_from_below(spec: mujoco.MjSpec) -> None:
-    """Light the palm's side of the hand and put a bright panel behind it."""
-    for name in ("key", "fill"):
-        light = spec.light(name)
-        light.dir = (light.dir[0], light.dir[1], -light.dir[2])
-    spec.worldbody.add_geom(
-        name="backdrop",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=(0.6, 0.6, 0.005),
-        pos=(0, 0, 0.15),
-        contype=0,
-        conaffinity=0,
-        rgba=(0.55, 0.57, 0.6, 1),
-    )
+def _light_both_sides(spec: mujoco.MjSpec) -> None:
+    """Let the key light shine on the palm's side, the fill light on the back, before bright panels."""
+    key = spec.light("key")
+    key.dir = (key.dir[0], key.dir[1], -key.dir[2])
+    for name, height in (("ceiling", 0.15), ("floor", -0.6)):
+        spec.worldbody.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=(2, 2, 0.005),
+            pos=(0, 0, height),
+            contype=0,
+            conaffinity=0,
+            rgba=(0.55, 0.57, 0.6, 1),
+        )

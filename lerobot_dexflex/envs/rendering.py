@@ -2,8 +2,8 @@
 
 Both paths draw the visible geoms (groups 0-2, no sites) with plain colours, Lambert shading, directional
 lights and the headlight, on black, without shadows, textures or highlights. `tune_visuals` puts a spec into
-the form in which they agree and in which software OpenGL is fast. Only OpenGL blends translucent geoms; rays
-show them opaque.
+the form in which they agree and in which software OpenGL is fast. Rays blend one translucent geom:
+of two in a row the nearer, and as if nothing were inside it.
 
 OpenGL contexts belong to one thread and do not survive a fork: every thread gets its own, and a process
 forked after its parent has rendered casts rays instead of hanging. Start workers with `forkserver`/`spawn`.

@@ -46,6 +46,20 @@ def test_with_finely_tessellated_shapes_opengl_and_rays_agree_to_a_tenth_of_a_gr
     assert share_off(by_gl, by_rays) < 0.002
 
 
+def test_a_translucent_object_lets_the_floor_shine_through(backend):
+    geom = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": (2, 2, 0.1), "pos": (0, 0, -0.5)}
+    spec = flat_scene(**geom, rgba=(0.5, 0.5, 0.5, 1))
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.3, 0.3, 0.05), rgba=(0.9, 0.1, 0.1, 0.35))
+    model, data = ready(spec)
+    pixel = Camera(model, "top", 9, 9, backend=backend).render(data)[4, 4]
+    light = 0.3 + 0.2 + 0.45 * 0.85 / np.sqrt(1.005) + 0.15 * 0.6 / np.sqrt(0.97)
+    # Entering and leaving the box each leave 65 % of what lies behind.
+    through = 0.65**2
+    expected = 255 * light * (through * np.full(3, 0.5) + (1 - through) * np.array([0.9, 0.1, 0.1]))
+    assert np.abs(pixel - expected).max() < 2
+    assert model.geom_rgba[1, 3] == np.float32(0.35)
+
+
 def test_taxels_and_sites_are_invisible(backend):
     images = []
     for touch in (True, False):
