@@ -32,7 +32,7 @@ HOLD = "hold"
 _APPROACH = 0.02
 _PRESS = 0.008
 _MAX_TORQUE = 0.45
-_LOADED = 0.05
+_LOADED = 0.15
 _MAX_REST_SPEED = 0.02
 
 
@@ -48,7 +48,7 @@ class Grasp(NamedTuple):
     quaternion: Array
     """Object orientation (w x y z). Shape (4,)."""
     touching: NDArray[np.bool_]
-    """Which fingertips carry load. Shape (4,)."""
+    """Which fingertips carry load, 0.15 N or more. Shape (4,)."""
 
 
 def hand_scene(object_spec: ObjectSpec) -> mujoco.MjSpec:
@@ -73,12 +73,12 @@ class GraspSearch:
         gravity: Direction of gravity in the palm frame; normalised. Shape (3,).
     """
 
-    HOLD_STEPS, SHAKE_STEPS = 24, 8
-    """Control steps of the hold test and of each of the three shakes."""
+    HOLD_STEPS, SHAKE_STEPS, REST_STEPS = 24, 8, 8
+    """Control steps of the hold test, of each of the three shakes and of the rest after them."""
     HOLD_DRIFT = (0.006, 0.20)
     """How far [m], [rad] the object may settle when the hand takes its weight."""
     SHAKE_DRIFT = (0.008, 0.25)
-    """How far [m], [rad] it may be from there after the shakes."""
+    """How far [m], [rad] it may go from there in the shakes and after them."""
     SHAKE_TILT, SHAKE_GAIN = 0.6, 1.3
 
     def __init__(self, object_spec: ObjectSpec, gravity: Array) -> None:
@@ -122,11 +122,11 @@ class GraspSearch:
         start = self._pose()
         if not self._hold(self.HOLD_STEPS, self.gravity, start, self.HOLD_DRIFT):
             return None
-        if np.abs(self.data.qvel[self._n : self._n + 3]).max() > _MAX_REST_SPEED:
+        touching = self._touching()
+        moving = np.abs(self.data.qvel[self._n : self._n + 3]).max() > _MAX_REST_SPEED
+        if moving or touching.sum() < min_fingers:
             return None
-        targets = self.data.ctrl.copy()
-        physics = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION))
-        mujoco.mj_getState(self.model, self.data, physics, mujoco.mjtState.mjSTATE_INTEGRATION)
+        joints, targets = self.data.qpos[: self._n].copy(), self.data.ctrl.copy()
         rest = self._pose()
         for _ in range(3):
             sideways = np.cross(self.gravity, rng.normal(size=3))
@@ -134,14 +134,14 @@ class GraspSearch:
             tilted = np.cos(self.SHAKE_TILT) * self.gravity + np.sin(self.SHAKE_TILT) * sideways
             if not self._hold(self.SHAKE_STEPS, self.SHAKE_GAIN * tilted, rest, self.SHAKE_DRIFT):
                 return None
-        mujoco.mj_setState(self.model, self.data, physics, mujoco.mjtState.mjSTATE_INTEGRATION)
-        self.model.opt.gravity = GRAVITY * self.gravity
-        mujoco.mj_forward(self.model, self.data)
-        loads, _, _ = fingertip_contacts(self.model, self.data, OBJECT)
-        if (loads > _LOADED).sum() < min_fingers:
+        if not self._hold(self.REST_STEPS, self.gravity, rest, self.SHAKE_DRIFT):
             return None
-        position, quaternion = rest
-        return Grasp(self.data.qpos[: self._n].copy(), targets, position, quaternion, loads > _LOADED)
+        if not np.array_equal(self._touching(), touching):
+            return None
+        return Grasp(joints, targets, *rest, touching)
+
+    def _touching(self) -> NDArray[np.bool_]:
+        return fingertip_contacts(self.model, self.data, OBJECT).loads > _LOADED
 
     def _collides(self, candidate: Candidate) -> bool:
         """Say whether anything but fingertips on the object would overlap."""

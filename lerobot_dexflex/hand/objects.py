@@ -182,6 +182,7 @@ def add_ghost(
             type=_GEOM[part.shape],
             size=_padded(part.size),
             pos=part.position,
+            mass=0,
             contype=0,
             conaffinity=0,
             rgba=(*object_spec.colour, opacity),

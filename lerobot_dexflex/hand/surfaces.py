@@ -3,14 +3,17 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.objects import ObjectSpec, Part
 
 Array = NDArray[np.float64]
 _EDGE_MARGIN = 0.004
+"""Room around a point for a pad to lie flat [m]."""
+_MAX_ROUNDS = 100
 
 
 def surface_samples(object_spec: ObjectSpec, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draw points on the surface, uniform in area, a few millimetres away from sharp edges.
+    """Draw points on the surface, uniform in area, 4 mm away from edges and corners (less on small parts).
 
     Args:
         object_spec: The object.
@@ -19,19 +22,26 @@ def surface_samples(object_spec: ObjectSpec, n: int, rng: np.random.Generator) -
 
     Returns:
         Points [m] and outward unit normals in the body frame, each of shape (n, 3).
+
+    Raises:
+        DexFlexError: If the parts of a tool are so alike in size and place that no free surface is found.
     """
     parts = object_spec.parts
     areas = np.array([_area(part) for part in parts])
     points, normals = np.empty((0, 3)), np.empty((0, 3))
-    while len(points) < n:
+    for _ in range(_MAX_ROUNDS):
         counts = rng.multinomial(n, areas / areas.sum())
         for k, (part, count) in enumerate(zip(parts, counts, strict=True)):
             local, normal = _sample_part(part, int(count), rng)
             local = local + part.position
             buried = np.zeros(len(local), bool)
             for other in parts[:k] + parts[k + 1 :]:
-                buried |= _inside(other, local)
+                buried |= _near(other, local)
             points, normals = np.vstack([points, local[~buried]]), np.vstack([normals, normal[~buried]])
+        if len(points) >= n:
+            break
+    else:
+        raise DexFlexError(f"No free surface found on {object_spec}; make head and handle differ more.")
     order = rng.permutation(len(points))[:n]
     return points[order], normals[order]
 
@@ -79,13 +89,14 @@ def _sample_part(part: Part, n: int, rng: np.random.Generator) -> tuple[Array, A
     return np.where(chosen, cap, side), np.where(chosen, cap_normals, around)
 
 
-def _inside(part: Part, points: Array) -> NDArray[np.bool_]:
-    local = points - part.position
+def _near(part: Part, points: Array) -> NDArray[np.bool_]:
+    """Say which points lie inside a part or within the margin of it (of a box grown by it)."""
+    local = np.abs(points - part.position)
     if part.shape == "box":
-        return np.all(np.abs(local) < part.size, axis=1)
+        return np.all(local < np.add(part.size, _EDGE_MARGIN), axis=1)
     radius, half = part.size
-    beyond = np.abs(local[:, 2]) - half
+    beyond = np.maximum(local[:, 2] - half, 0)
     radial = np.linalg.norm(local[:, :2], axis=1)
     if part.shape == "cylinder":
-        return (radial < radius) & (beyond < 0)
-    return np.hypot(radial, np.maximum(beyond, 0)) < radius
+        return (radial < radius + _EDGE_MARGIN) & (beyond < _EDGE_MARGIN)
+    return np.hypot(radial, beyond) < radius + _EDGE_MARGIN

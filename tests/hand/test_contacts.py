@@ -1,0 +1,54 @@
+"""Statics of fingers on an object: pads laid on surfaces, torques by virtual work, forces in balance."""
+
+import numpy as np
+import pytest
+import torch
+
+from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS, balance_forces, contact_torques, solve_pads
+from lerobot_dexflex.hand.kinematics import fingertips, pads
+
+NOMINAL = torch.tensor([NOMINAL_JOINTS], dtype=torch.float64)
+
+
+def test_pads_are_laid_on_points_that_a_near_posture_reaches():
+    generator = torch.Generator().manual_seed(0)
+    joints = NOMINAL + 0.15 * torch.randn(32, 16, dtype=torch.float64, generator=generator)
+    centres, outward = pads(joints)
+    solution = solve_pads(centres, -outward, NOMINAL.expand(32, -1))
+    assert solution.distance.max() < 2e-3
+    assert solution.alignment.min() > 0.98
+    reached, _ = pads(solution.joints)
+    assert torch.allclose((reached - centres).norm(dim=-1), solution.distance)
+
+
+def test_contact_torques_do_the_work_of_the_forces():
+    rng = np.random.default_rng(0)
+    joints = NOMINAL[0].numpy()
+    tips = fingertips(NOMINAL)[0].numpy()
+    forces, motion = rng.normal(size=(4, 3)), 1e-6 * rng.normal(size=16)
+    moved = fingertips(NOMINAL + torch.from_numpy(motion))[0].numpy()
+    assert contact_torques(joints, tips, forces) @ motion == pytest.approx(
+        (forces * (moved - tips)).sum(), rel=1e-4
+    )
+
+
+def test_two_opposite_pads_carry_a_weight_by_friction_alone():
+    points = np.array([[0.02, 0, 0], [-0.02, 0, 0]])
+    weight = np.array([0, 0, 2.0, 0, 0, 0])
+    forces, missing = balance_forces(points, np.sign(-points), np.zeros(3), weight, friction=0.5, preload=3.0)
+    # By symmetry each carries 1 N upward (the preload costs some of it) and presses alike.
+    assert forces[:, 2] == pytest.approx([1, 1], abs=0.1)
+    assert forces[0, 0] == pytest.approx(-forces[1, 0], abs=1e-6)
+    assert missing < 0.2
+    # Inside the friction cones, pressing.
+    assert (forces[:, 0] * -points[:, 0] > 0).all()
+    assert np.abs(forces[:, 2] / forces[:, 0]).max() <= 0.5 + 1e-9
+
+
+def test_pads_on_one_side_cannot_squeeze():
+    points = np.array([[0.02, 0.01, 0], [0.02, -0.01, 0]])
+    inward = np.array([[-1.0, 0, 0], [-1.0, 0, 0]])
+    forces, _ = balance_forces(points, inward, np.zeros(3), np.zeros(6), friction=0.5, preload=1.0)
+    assert np.linalg.norm(forces, axis=1).max() < 0.1
+    _, missing = balance_forces(points, inward, np.zeros(3), np.array([5.0, 0, 0, 0, 0, 0]), 0.5, preload=1.0)
+    assert missing > 4.5
