@@ -97,12 +97,12 @@ def test_success_needs_five_steady_steps_at_the_goal(env):
     env.reset(seed=SEED)
     command = env.command
     carry_to_goal(env)
-    for step in range(1, STEADY_STEPS + 1):
-        _, reward, terminated, _, info = env.step(command)
-        assert info["is_success"] is terminated is (step == STEADY_STEPS)
-        assert reward == float(info["is_success"])
-        assert info["progress"] > 0.9
-    assert info["progress"] == 1.0
+    steps = [env.step(command) for _ in range(STEADY_STEPS)]
+    assert [info["is_success"] for *_, info in steps] == [False] * (STEADY_STEPS - 1) + [True]
+    assert [terminated for _, _, terminated, _, _ in steps] == [False] * (STEADY_STEPS - 1) + [True]
+    assert [reward for _, reward, *_ in steps] == [0.0] * (STEADY_STEPS - 1) + [1.0]
+    assert all(info["progress"] > 0.9 for *_, info in steps)
+    assert steps[-1][4]["progress"] == 1.0
 
 
 def test_a_reached_goal_is_followed_by_the_next_until_all_are_done():
@@ -110,8 +110,7 @@ def test_a_reached_goal_is_followed_by_the_next_until_all_are_done():
     env.reset(seed=SEED)
     first = env.goal_pose
     carry_to_goal(env)
-    for _ in range(STEADY_STEPS):
-        _, _, terminated, _, info = env.step(env.command)
+    _, _, terminated, _, info = [env.step(env.command) for _ in range(STEADY_STEPS)][-1]
     assert not terminated
     assert info["goals_reached"] == 1
     assert 0.5 <= info["progress"] < 0.6
@@ -123,14 +122,11 @@ def test_a_reached_goal_is_followed_by_the_next_until_all_are_done():
 
 def test_opening_the_hand_drops_the_object_and_ends_the_episode(env):
     env.reset(seed=SEED)
-    opened = np.zeros(16)
-    for _ in range(30):
-        _, _, terminated, _, info = env.step(opened)
-        if terminated:
-            break
-    assert terminated
-    assert info["dropped"]
-    assert not info["is_success"]
+    steps = [env.step(np.zeros(16)) for _ in range(30)]
+    assert any(terminated for _, _, terminated, _, _ in steps)
+    for _, _, terminated, _, info in steps:
+        assert terminated is info["dropped"]
+        assert not info["is_success"]
 
 
 def test_the_same_seed_gives_the_same_episode(env):
