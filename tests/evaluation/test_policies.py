@@ -17,7 +17,7 @@ from lerobot_policy_dexflex.modeling_dexflex_flow import DexflexFlowPolicy
 
 @pytest.fixture(scope="module")
 def policies(tmp_path_factory):
-    """Untrained checkpoints of both action spaces."""
+    """Checkpoints of both action spaces with random weights."""
     folder = tmp_path_factory.mktemp("checkpoints")
     features = env_to_policy_features(DexflexEnvConfig())
     statistics = {"mean": 0.0, "std": 0.3, "min": -0.5, "max": 0.5}
@@ -27,7 +27,10 @@ def policies(tmp_path_factory):
         config = DexflexFlowConfig(interface=interface, device="cpu", dim=32, n_layers=1)
         config.input_features = {k: f for k, f in features.items() if f.type is not FeatureType.ACTION}
         config.output_features = {k: f for k, f in features.items() if f.type is FeatureType.ACTION}
-        DexflexFlowPolicy(config, dataset_stats=stats).save_pretrained(folder / space)
+        policy = DexflexFlowPolicy(config, dataset_stats=stats)
+        # Its output layer starts at zero: every untrained plan would be the mean, whatever the noise.
+        torch.nn.init.normal_(policy.average.action_out.weight, std=0.3)
+        policy.save_pretrained(folder / space)
         for processor in make_pre_post_processors(config):
             processor.save_pretrained(folder / space)
     return LeRobotPolicies(folder / "joint", folder / "draft")
@@ -77,15 +80,15 @@ def test_joint_targets_have_no_draft_to_intervene_on(policies):
 
 
 def test_the_filter_changes_a_draft_by_what_it_clips_off():
-    # The first draft passes the low-pass as it is; 10 mm are clipped to 3 mm on x of the index finger.
+    # The first draft passes the low-pass as it is; 10 mm are clipped to 6 mm on x of the index finger.
     interface = ObservedInterface(make_interface("filter"))
     draft = torch.zeros(1, 8, 4, 3)
     draft[0, 0, 0, 0] = 0.010
     interface.step({"observation.state": torch.full((1, 23), 0.3)}, draft)
     assert interface.motion is not None
     assert interface.motion.draft[0, 0, 0] == pytest.approx(0.010)
-    assert interface.motion.executed[0, 0, 0] == pytest.approx(0.003)
-    assert interface.motion.row(0).magnitude() == pytest.approx(0.007 / 0.010001)
+    assert interface.motion.executed[0, 0, 0] == pytest.approx(0.006)
+    assert interface.motion.row(0).magnitude() == pytest.approx(0.004 / 0.010001)
 
 
 def test_the_identity_names_one_checkpoint_for_all_drafts(policies):
