@@ -25,7 +25,7 @@ from lerobot_dexflex.envs.hand_env import CAMERAS
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
-from lerobot_dexflex.hand.model import SUBSTEPS
+from lerobot_dexflex.hand.model import JOINTS, SUBSTEPS
 from lerobot_dexflex.hand.touch import TouchSensor
 
 TASK, SEED = "PlaceHammer-v0", 100_000
@@ -89,7 +89,7 @@ def environment_rates(workers: int) -> dict[str, float]:
         env.close()
     vector = AsyncVectorEnv([held_hammer] * workers, context="forkserver")
     vector.reset()
-    actions = np.zeros(vector.action_space.shape, np.float32)
+    actions = np.zeros((workers, len(JOINTS)), np.float32)
     rates[f"cameras and touch, {workers} workers"] = workers / best(lambda: vector.step(actions), WINDOW)
     vector.close()
     return rates
