@@ -63,6 +63,26 @@ class CommandedHand:
         self.joints, self.tips = joints, tips
 
 
+class CommandedInterface:
+    """What every interface that commands the hand itself shares: its state and how it begins."""
+
+    def __init__(self) -> None:
+        self._hand = CommandedHand()
+
+    @property
+    def command(self) -> Tensor | None:
+        """Executed commanded fingertips [m]. Shape (batch, 4, 3)."""
+        return self._hand.tips
+
+    def reset(self, mask: Tensor | None = None) -> None:
+        """Begin a new episode in the rows of `mask`, or in all."""
+        self._hand.reset(mask)
+
+    def start(self, observation: Mapping[str, Tensor]) -> Tensor:
+        """Return the commanded fingertips before this step [m]. Shape (batch, 4, 3)."""
+        return self._hand.start(observation)[1]
+
+
 def check_draft(draft: Tensor, element: tuple[int, ...], rows: int, meaning: str) -> Tensor:
     """Return the draft in float64, or refuse it.
 

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from torch import Tensor
 
 from lerobot_dexflex.hand.kinematics import solve_fingertips
-from lerobot_dexflex.interfaces.commanded_hand import CommandedHand, check_draft
+from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, check_draft
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 
-class RawInterface:
+class RawInterface(CommandedInterface):
     """Add the first displacement to the commanded fingertips and solve for joints. Satisfies `Interface`.
 
     The displacement moves the *commanded* fingertips: the squeeze lives in commanded minus measured, and a
@@ -18,22 +18,6 @@ class RawInterface:
 
     name: str = "raw"
     command_space: CommandSpace = "draft"
-
-    def __init__(self) -> None:
-        self._hand = CommandedHand()
-
-    @property
-    def command(self) -> Tensor | None:
-        """Executed commanded fingertips [m]. Shape (batch, 4, 3)."""
-        return self._hand.tips
-
-    def reset(self, mask: Tensor | None = None) -> None:
-        """Begin a new episode in the rows of `mask`, or in all."""
-        self._hand.reset(mask)
-
-    def start(self, observation: Mapping[str, Tensor]) -> Tensor:
-        """Return the commanded fingertips before this step [m]. Shape (batch, 4, 3)."""
-        return self._hand.start(observation)[1]
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         """Return the joint targets of the draft's first displacement; see `Interface.step`."""
