@@ -8,10 +8,10 @@ READY := .venv/.synced
 help:  ## List the targets.
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-8s %s\n", $$1, $$2}'
 
-demo: $(READY)  ## Compare the action interfaces on the shipped policies (5 minutes on 2 cores).
+demo: $(READY)  ## Compare the action interfaces on the shipped policies (1 to 2 minutes on 2 cores).
 	$(PYTHON) eval/compare_interfaces.py --demo
 
-test: $(READY)  ## Run all tests on 2 cores (under 10 minutes).
+test: $(READY)  ## Run all tests on 2 cores (about 4 minutes).
 	$(PYTHON) -m pytest --numprocesses=2 --dist=worksteal
 
 check: $(READY)  ## Check format, lint and types.
