@@ -15,7 +15,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor
+from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor, add_touch
 
 CAMERAS = ("front", "wrist")
 CONTACT_FORCE = 0.05
@@ -110,7 +110,7 @@ class HandEnv(gymnasium.Env):
 
     @abstractmethod
     def _build(self, episode: Any) -> mujoco.MjSpec:
-        """Return robot, touch, cameras and scene of an episode."""
+        """Return robot, cameras and scene of an episode; touch is added to every task alike."""
 
     @abstractmethod
     def _initialise(self, episode: Any) -> None:
@@ -200,7 +200,7 @@ class HandEnv(gymnasium.Env):
         """Return the front camera's image, shape (render_size, render_size, 3), uint8."""
         if self.render_mode is None:
             return None
-        return Camera(self.model, "front", self._render_size, self._render_size).render(self.data)
+        return self._film.render(self.data)
 
     @property
     def command(self) -> NDArray[np.float64]:
@@ -214,9 +214,12 @@ class HandEnv(gymnasium.Env):
 
     def _load(self, episode: Any) -> None:
         self.episode = episode
-        self.model = self._build(episode).compile()
+        spec = self._build(episode)
+        add_touch(spec, self._touch_config)
+        self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._touch = TouchSensor(self.model, self._touch_config)
+        self._film = Camera(self.model, "front", self._render_size, self._render_size)
         self._views = {c: Camera(self.model, c, self._image_size, self._image_size) for c in self._cameras}
         addresses = [self.model.joint(name).qposadr[0] for name in self.joints]
         self._joint_addresses = np.array(addresses)

@@ -9,7 +9,6 @@ import numpy as np
 from lerobot_dexflex.envs.hand_env import CONTACT_FORCE, HandEnv
 from lerobot_dexflex.envs.scene import add_camera, add_studio, add_table, add_wrist_camera
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.touch import add_touch
 
 ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
 """Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
@@ -28,7 +27,7 @@ HEAD_CENTRE = 0.095
 CRADLE_HEIGHT = 0.05
 """Height of the handle axis in the cradle above the table [m]: room for the fingertips below it."""
 _HANDLE_SHARE = 0.45
-"""Share of the mass in the handle: more, and the hand could not carry the torque of 300 g."""
+"""Share of the mass in the handle: less, and the hand could not carry the torque of 300 g."""
 _PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.031, 0.010
 _SETTLED_STEPS = 10
 
@@ -76,8 +75,9 @@ class PlaceHammerEnv(HandEnv):
         spec = robot.base_spec()
         add_studio(spec)
         add_table(spec)
-        palm = robot.add_hand(spec, robot.add_arm(spec), tip_friction=(episode.tip_friction, 0.005, 0.0001))
-        add_touch(spec, self._touch_config)
+        palm = robot.add_hand(
+            spec, robot.add_arm(spec), tip_friction=(episode.tip_friction, *robot.TIP_FRICTION[1:])
+        )
         add_camera(spec, "front", position=(1.08, -0.50, 0.62), target=(0.56, 0.0, 0.19), fovy=40)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         _add_cradle(spec, episode)

@@ -17,7 +17,6 @@ from lerobot_dexflex.hand.grasp import OBJECT, GraspSearch, hand_scene
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.objects import ObjectSpec, add_ghost, sample_object
 from lerobot_dexflex.hand.poses import pose_error
-from lerobot_dexflex.hand.touch import add_touch
 
 Array = NDArray[np.float64]
 
@@ -124,7 +123,6 @@ class ReachEnv(HandEnv):
     def _build(self, episode: ReachEpisode) -> mujoco.MjSpec:
         spec = hand_scene(episode.object_spec)
         spec.option.gravity = GRAVITY * np.array(episode.gravity)
-        add_touch(spec)
         add_ghost(spec, episode.object_spec, _GHOST)
         tune_visuals(spec)
         _light_both_sides(spec)

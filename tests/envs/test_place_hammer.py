@@ -162,3 +162,16 @@ def test_the_hammer_has_the_mass_and_size_of_its_episode(env):
     assert env.model.geom("hammer_handle").size[0] == env.episode.handle_radius
     assert env.model.geom("hammer_head").pos[2] == HEAD_CENTRE
     assert env.model.geom("if_tip").friction[0] == env.episode.tip_friction
+
+
+@pytest.mark.parametrize("task", ["PlaceHammer-v0", "Reach-v0"])
+def test_every_task_gives_the_fingers_the_configured_skin(task):
+    def height(skin: float) -> float:
+        config = TouchConfig(skin=skin)
+        env = gymnasium.make(f"lerobot_dexflex/{task}", cameras=(), touch=config).unwrapped
+        assert isinstance(env, HandEnv)
+        env.reset(seed=SEED)
+        # The outward pad normal is -x of the distal link.
+        return -env.model.geom("if_skin").pos[0]
+
+    assert height(0.003) - height(0.0015) == pytest.approx(0.0015, abs=1e-9)
