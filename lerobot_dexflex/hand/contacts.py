@@ -84,7 +84,7 @@ def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 
     posture = joints = seed.reshape(-1, 4, 4)
     for _ in range(iterations):
         frames = finger_frames(joints.flatten(1))
-        centres, outward = pads(joints.flatten(1))
+        centres, outward = frames.pads()
         point_jacobian = torch.linalg.cross(frames.axes, centres.unsqueeze(2) - frames.origins)
         normal_jacobian = torch.linalg.cross(frames.axes, outward.unsqueeze(2).expand_as(frames.axes))
         jacobian = torch.cat([point_jacobian, _NORMAL_WEIGHT * normal_jacobian], -1)  # (batch, fingers, 4, 6)

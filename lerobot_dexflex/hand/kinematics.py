@@ -35,6 +35,10 @@ class FingerFrames(NamedTuple):
         """Return points given in the distal frames [m], shape (fingers, 3), as (batch, fingers, 3)."""
         return self.origins[:, :, -1] + torch.einsum("bfij,fj->bfi", self.distal_rotation, local)
 
+    def pads(self) -> tuple[Tensor, Tensor]:
+        """Return the pad centres [m] and outward pad normals, each (batch, fingers, 3)."""
+        return self.points(_PAD.to(self.origins)), -self.distal_rotation[..., 0]
+
 
 def finger_frames(hand_joints: Tensor) -> FingerFrames:
     """Run forward kinematics of all fingers.
@@ -67,8 +71,7 @@ def fingertips(hand_joints: Tensor) -> Tensor:
 
 def pads(hand_joints: Tensor) -> tuple[Tensor, Tensor]:
     """Return the pad centres [m] and outward pad normals in the palm frame, each (batch, 4, 3)."""
-    frames = finger_frames(hand_joints)
-    return frames.points(_PAD.to(hand_joints)), -frames.distal_rotation[..., 0]
+    return finger_frames(hand_joints).pads()
 
 
 def solve_fingertips(

@@ -3,9 +3,8 @@
 Every object is a union of primitives around its body frame, whose z axis is the long (or handle) axis.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -155,11 +154,10 @@ def add_object(
     contype, conaffinity = WORLD_COLLISION
     volume = sum(part.volume for part in object_spec.parts)
     for k, part in enumerate(object_spec.parts):
-        body.add_geom(
-            name=f"{name}_{k}",
-            type=_GEOM[part.shape],
-            size=_padded(part.size),
-            pos=part.position,
+        _add_part(
+            body,
+            part,
+            f"{name}_{k}",
             mass=object_spec.mass * part.volume / volume,
             friction=(object_spec.friction, TORSIONAL_FRICTION, ROLLING_FRICTION),
             condim=4,
@@ -177,16 +175,8 @@ def add_ghost(
     """Add a translucent, intangible copy of an object as a mocap body: the picture of a goal pose."""
     body = spec.worldbody.add_body(name=name, mocap=True)
     for k, part in enumerate(object_spec.parts):
-        body.add_geom(
-            name=f"{name}_{k}",
-            type=_GEOM[part.shape],
-            size=_padded(part.size),
-            pos=part.position,
-            mass=0,
-            contype=0,
-            conaffinity=0,
-            rgba=(*object_spec.colour, opacity),
-        )
+        rgba = (*object_spec.colour, opacity)
+        _add_part(body, part, f"{name}_{k}", mass=0, contype=0, conaffinity=0, rgba=rgba)
     _add_mark(body, object_spec, f"{name}_mark", opacity)
     return body
 
@@ -197,8 +187,9 @@ def _bright(hue: float) -> Colour:
     return red, green, blue
 
 
-def _padded(size: Sequence[float]) -> list[float]:
-    return [*size, 0.0, 0.0][:3]
+def _add_part(body: mujoco.MjsBody, part: Part, name: str, **options: Any) -> None:
+    size = [*part.size, 0.0, 0.0][:3]
+    body.add_geom(name=name, type=_GEOM[part.shape], size=size, pos=part.position, **options)
 
 
 def _add_mark(body: mujoco.MjsBody, object_spec: ObjectSpec, name: str, opacity: float) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.leap import FINGERS
+from lerobot_dexflex.hand.poses import quaternion_matrix
 from lerobot_dexflex.hand.touch_image import touch_strip as touch_strip
 from lerobot_dexflex.hand.winkler import blur_matrix, winkler_loads
 
@@ -90,9 +91,7 @@ def add_touch(spec: mujoco.MjSpec, config: TouchConfig | None = None) -> None:
     plate.scale = (PITCH[0] * TAXELS[0] / 2, PITCH[1] * TAXELS[1] / 2, _PLATE_HALF_THICKNESS)
     for finger in FINGERS:
         body, pad = spec.body(f"{finger}_ds"), spec.site(f"{finger}_pad")
-        to_pad = np.zeros(9)
-        mujoco.mju_quat2Mat(to_pad, np.asarray(pad.quat) / np.linalg.norm(pad.quat))
-        to_pad = to_pad.reshape(3, 3)
+        to_pad = quaternion_matrix(np.asarray(pad.quat) / np.linalg.norm(pad.quat))
         # The sensing vertices are the plate's lower face.
         body.add_geom(
             name=f"{finger}_skin",

@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 
 from lerobot_dexflex.evaluation.outcome import Motion, Outcome
+from lerobot_dexflex.hand.leap import FINGERS
 from lerobot_dexflex.hand.touch import touch_strip
 
 _DRAFT, _EXECUTED, _MEASURED = (235, 150, 50), (70, 140, 240), (150, 150, 150)
@@ -39,7 +40,7 @@ class RerunLog:
         for camera, image in observation["pixels"].items():
             self._log(f"camera/{camera}", rr.Image(image))
         self._log("touch", rr.Image(touch_strip(observation["tactile"])))
-        for finger, force in zip(("if", "mf", "rf", "th"), _forces(observation), strict=True):
+        for finger, force in zip(FINGERS, _forces(observation), strict=True):
             self._log(f"touch_force/{finger}", rr.Scalars(force))
         self._log("progress", rr.Scalars(float(info["progress"])))
         self._log("success", rr.Scalars(float(info["is_success"])))

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-_HEADER = (
+RATE_HEADER = (
     "interface",
     "success",
     "95 % Wilson",
@@ -32,7 +32,7 @@ def markdown(result: dict[str, Any]) -> str:
 
 def rates(result: dict[str, Any]) -> str:
     """Return the table per interface."""
-    return _table(_HEADER, rate_rows(result))
+    return _table(RATE_HEADER, rate_rows(result))
 
 
 def rate_rows(result: dict[str, Any]) -> list[list[str]]:
@@ -77,9 +77,6 @@ def pair_rows(result: dict[str, Any]) -> list[list[str]]:
         ]
         for test in result["pairwise"]
     ]
-
-
-RATE_HEADER = _HEADER
 
 
 def _mean(metric: dict[str, Any] | None, digits: int, sign: str = "") -> str:
