@@ -150,9 +150,9 @@ class ObservedInterface:
         self.motion = None
         self._inner.reset(mask)
 
-    def start(self, observation: Mapping[str, Tensor]) -> Tensor:
-        """Return the commanded fingertips before this step [m]. Shape (batch, 4, 3)."""
-        return self._inner.start(observation)
+    def start(self, observation: Mapping[str, Tensor], initial: Tensor | None = None) -> Tensor:
+        """Return the commanded fingertips before this step [m], (batch, 4, 3); see `Interface.start`."""
+        return self._inner.start(observation, initial)
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         """Return the inner interface's joint targets; see `Interface.step`."""

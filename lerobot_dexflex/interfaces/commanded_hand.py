@@ -36,13 +36,18 @@ class CommandedHand:
             )
         self._fresh = self._fresh | mask
 
-    def start(self, observation: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:
-        """Return joints and fingertips of the previous command, taken from the measured hand after a reset.
+    def start(
+        self, observation: Mapping[str, Tensor], initial: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Return joints and fingertips of the previous command.
 
         Args:
             observation: Holds `observation.state`, shape (batch, >= 16) [rad].
+            initial: Joints [rad] (batch, 16) that rows begin from after a reset; measured ones if None.
         """
         measured = _measured_joints(observation)
+        if initial is not None:
+            measured = _checked_initial(initial, measured)
         if self.joints is None or self.tips is None or self._fresh is None:
             self.joints, self.tips = measured, fingertips(measured)
             self._fresh = torch.zeros(len(measured), dtype=torch.bool, device=measured.device)
@@ -78,9 +83,9 @@ class CommandedInterface:
         """Begin a new episode in the rows of `mask`, or in all."""
         self._hand.reset(mask)
 
-    def start(self, observation: Mapping[str, Tensor]) -> Tensor:
-        """Return the commanded fingertips before this step [m]. Shape (batch, 4, 3)."""
-        return self._hand.start(observation)[1]
+    def start(self, observation: Mapping[str, Tensor], initial: Tensor | None = None) -> Tensor:
+        """Return the commanded fingertips before this step [m], (batch, 4, 3); see `Interface.start`."""
+        return self._hand.start(observation, initial)[1]
 
 
 def check_draft(draft: Tensor, element: tuple[int, ...], rows: int, meaning: str) -> Tensor:
@@ -114,6 +119,16 @@ def _measured_joints(observation: Mapping[str, Tensor]) -> Tensor:
     joints = state[:, -HAND_JOINTS:]
     _refuse_non_finite(f"'{STATE}'", joints)
     return joints.double()
+
+
+def _checked_initial(initial: Tensor, measured: Tensor) -> Tensor:
+    if initial.shape != measured.shape:
+        raise DexFlexError(
+            f"`initial` must be a joint command [rad] of shape {tuple(measured.shape)}. "
+            f"Got {tuple(initial.shape)}."
+        )
+    _refuse_non_finite("`initial`", initial)
+    return initial.to(measured)
 
 
 def _refuse_non_finite(what: str, values: Tensor) -> None:

@@ -50,9 +50,9 @@ class FilterInterface:
         # NaN marks a row without a past: its next displacement becomes its average.
         self._average = self._average.masked_fill(mask[:, None, None], torch.nan)
 
-    def start(self, observation: Mapping[str, Tensor]) -> Tensor:
-        """Return the commanded fingertips before this step [m]. Shape (batch, 4, 3)."""
-        return self._raw.start(observation)
+    def start(self, observation: Mapping[str, Tensor], initial: Tensor | None = None) -> Tensor:
+        """Return the commanded fingertips before this step [m], (batch, 4, 3); see `Interface.start`."""
+        return self._raw.start(observation, initial)
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         """Return the joint targets of the filtered displacement; see `Interface.step`."""

@@ -19,8 +19,8 @@ class Interface(Protocol):
     16 are the hand's, `observation.tactile` (batch, 240) [N], `observation.fingertips` (batch, 12) [m] and
     `observation.gravity` (batch, 3). An interface reads only the keys it needs.
 
-    After a reset the previous joint command is the measured hand, and the commanded fingertips are where
-    those joints put them.
+    After a reset the previous joint command is the measured hand unless `start` is given another, and the
+    commanded fingertips are where those joints put them.
     """
 
     name: str
@@ -35,8 +35,18 @@ class Interface(Protocol):
         """Begin a new episode in the rows of `mask`, shape (batch,) bool; in all rows if it is None."""
         ...
 
-    def start(self, observation: Mapping[str, Tensor]) -> Tensor:
-        """Return `command` [m], (batch, 4, 3); rows that were just reset begin at the measured joints."""
+    def start(self, observation: Mapping[str, Tensor], initial: Tensor | None = None) -> Tensor:
+        """Return `command` before this step [m], (batch, 4, 3).
+
+        Args:
+            observation: The current observation of every row, raw units.
+            initial: Joint command [rad], (batch, 16), from which the rows that were just reset begin; other
+                rows ignore theirs. The measured joints by default, which let go of an object that the hand
+                already squeezes.
+
+        Raises:
+            DexFlexError: If the observation or `initial` has a wrong shape, NaN or infinity.
+        """
         ...
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:

@@ -1,6 +1,7 @@
 import pytest
 import torch
 
+from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
 from lerobot_dexflex.interfaces import (
@@ -122,6 +123,49 @@ def test_the_command_begins_at_the_measured_hand_and_is_unknown_before(name):
     interface.step(observation(2), drafts(name, 2))
     interface.reset()
     assert interface.command is None
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_rows_that_were_just_reset_begin_at_the_initial_command_and_others_ignore_it(name):
+    interface, initial = make_interface(name), hand_poses(2, seed=8)
+    torch.testing.assert_close(interface.start(observation(2), initial), fingertips(initial))
+    interface.step(observation(2), drafts(name, 2))
+    interface.reset(torch.tensor([True, False]))
+    before, other = interface.command, hand_poses(2, seed=9)
+    assert before is not None
+    command = interface.start(observation(2), other)
+    torch.testing.assert_close(command[0], fingertips(other)[0])
+    assert torch.equal(command[1], before[1])
+    assert torch.equal(interface.start(observation(2), initial), command)
+
+
+def test_a_step_after_start_moves_on_from_the_initial_command():
+    interface, initial, draft = RawInterface(), hand_poses(2, seed=8), drafts("raw", 2)
+    interface.start(observation(2), initial)
+    wanted = solve_fingertips(fingertips(initial) + draft[:, 0], initial)
+    torch.testing.assert_close(interface.step(observation(2), draft), wanted)
+
+
+def test_an_initial_command_of_wrong_shape_or_with_nan_is_refused():
+    interface = RawInterface()
+    with pytest.raises(DexFlexError, match=r"`initial` must be a joint command .*\(2, 16\). Got \(1, 16\)"):
+        interface.start(observation(2), hand_poses(1))
+    with pytest.raises(DexFlexError, match=r"`initial` holds NaN or infinity in rows \[1\]"):
+        interface.start(observation(2), hand_poses(2).index_fill(0, torch.tensor([1]), torch.nan))
+    assert interface.command is None
+
+
+@pytest.mark.parametrize(("squeezed", "holds"), [(True, True), (False, False)])
+def test_a_held_object_stays_in_the_hand_only_if_the_command_begins_at_the_squeeze(squeezed, holds):
+    env, interface = ReachEnv(cameras=()), RawInterface()
+    seen, info = env.reset(seed=3)
+    still = torch.zeros(1, DRAFT_HORIZON, 4, 3, dtype=torch.float64)
+    initial = torch.as_tensor(env.command)[None] if squeezed else None
+    interface.start({STATE: torch.as_tensor(seen["agent_pos"])[None]}, initial)
+    for _ in range(30):
+        targets = interface.step({STATE: torch.as_tensor(seen["agent_pos"])[None]}, still)
+        seen, _, _, _, info = env.step(targets[0].numpy())
+    assert info["dropped"] is not holds
 
 
 @pytest.mark.parametrize("name", INTERFACES)
