@@ -1,0 +1,102 @@
+"""The controller's model card, written from its configuration and training record alone."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from huggingface_hub import ModelCard, ModelCardData
+
+from lerobot_dexflex.controller.config import ControllerConfig
+
+_TEMPLATE = """\
+---
+{front_matter}
+---
+
+# DexFlex controller for the tactile LEAP hand
+
+A draft-conditioned controller of [lerobot_dexflex](https://github.com/lerobot-dexflex/lerobot_dexflex):
+it encodes what the hand feels, proposes chunks of fingertip motion from a few-step flow prior, predicts what
+each would lead to, scores them against the policy's draft and decodes the best into joint targets.
+
+| | |
+|---|---|
+| hand | `{embodiment}`, fingers {fingers} |
+| control rate | {rate:g} Hz, {horizon} steps per chunk |
+| a draft's step | `{draft_definition}`: palm frame, metres, four fingertips |
+| touch | {touch} |
+| slow token | {slow} |
+
+| part | parameters |
+|---|---|
+{parts}
+
+## Use it
+
+```python
+from lerobot_dexflex.controller import DexFlexController
+
+controller = DexFlexController.from_pretrained("path/or/hub-name")
+```
+
+At run time the `dexflex` interface feeds it observations and drafts.
+It refuses another hand or control rate.
+{training}
+## Known limitations
+
+Trained in simulation only, on one hand. It corrects small errors of a command, it does not know the task.
+"""
+
+
+def controller_card(
+    config: ControllerConfig, parts: Mapping[str, int], record: Mapping[str, Any]
+) -> ModelCard:
+    """Write the card.
+
+    Args:
+        config: The controller's configuration.
+        parts: Number of parameters of each part.
+        record: Sections of plain values: a mapping becomes a table, anything else a line.
+    """
+    data = ModelCardData(
+        license="apache-2.0",
+        library_name="lerobot",
+        pipeline_tag="robotics",
+        tags=["dexterous", "tactile", "controller", "simulation"],
+    )
+    rows = [f"| {name.replace('_', ' ')} | {count:,} |" for name, count in parts.items()]
+    rows.append(f"| together | {sum(parts.values()):,} |")
+    return ModelCard(
+        _TEMPLATE.format(
+            front_matter=data.to_yaml().strip(),
+            embodiment=config.embodiment,
+            fingers=", ".join(config.fingers),
+            rate=config.rate,
+            horizon=config.horizon,
+            draft_definition=config.draft_definition,
+            touch=f"4 x {config.taxels[0]} x {config.taxels[1]} taxels [N]"
+            if config.use_touch
+            else "not used",
+            slow=f"{config.slow_levels} levels" if config.use_slow else "not used",
+            parts="\n".join(rows),
+            training=_training(record),
+        )
+    )
+
+
+def _training(record: Mapping[str, Any]) -> str:
+    if not record:
+        return ""
+    lines = ["", "## Training and held-out results", ""]
+    for section, values in record.items():
+        title = section.replace("_", " ")
+        if not isinstance(values, Mapping):
+            lines += [f"{title}: `{values}`", ""]
+            continue
+        lines += [f"### {title}", "", "| | |", "|---|---|"]
+        lines += [f"| {name.replace('_', ' ')} | {_number(value)} |" for name, value in values.items()]
+        lines.append("")
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else f"{value}"

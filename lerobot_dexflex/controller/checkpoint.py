@@ -1,0 +1,86 @@
+"""A controller's folder: find it here or on the Hub, load its weights, save it."""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from huggingface_hub import constants, hf_hub_download
+from huggingface_hub.errors import EntryNotFoundError, HfHubHTTPError, HFValidationError
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import nn
+
+from lerobot_dexflex.controller.config import ControllerConfig
+from lerobot_dexflex.errors import DexFlexError
+
+CONFIG, WEIGHTS, RECORD = "config.json", constants.SAFETENSORS_SINGLE_FILE, "training.json"
+
+
+class Files(NamedTuple):
+    """Where the parts of a checkpoint lie."""
+
+    config: Path
+    weights: Path
+    record: Path | None
+
+
+def find(source: str | Path, **hub: Any) -> Files:
+    """Return the files of a controller in a folder or, downloaded, on the Hub.
+
+    Args:
+        source: A folder or a Hub name `user/controller`.
+        **hub: Arguments of `huggingface_hub.hf_hub_download`.
+
+    Raises:
+        DexFlexError: If it is neither, or a file is missing.
+    """
+    folder = Path(source)
+    if folder.is_dir():
+        missing = [name for name in (CONFIG, WEIGHTS) if not (folder / name).is_file()]
+        if missing:
+            raise DexFlexError(
+                f"{folder} is not a controller's folder: it lacks {', '.join(missing)}. "
+                "Train one with `dexflex-train`, or name a folder written by `save_pretrained`."
+            )
+        record = folder / RECORD
+        return Files(folder / CONFIG, folder / WEIGHTS, record if record.is_file() else None)
+    try:
+        config, weights = (Path(hf_hub_download(str(source), name, **hub)) for name in (CONFIG, WEIGHTS))
+    except (HfHubHTTPError, HFValidationError, OSError, ValueError) as error:
+        raise DexFlexError(
+            f"No controller at {str(source)!r}: there is no such folder, and the Hub says: {error}. "
+            "Name a folder with config.json and model.safetensors, or a Hub repository 'user/controller'."
+        ) from error
+    try:
+        return Files(config, weights, Path(hf_hub_download(str(source), RECORD, **hub)))
+    except (EntryNotFoundError, OSError):
+        return Files(config, weights, None)
+
+
+def read_record(path: Path | None) -> dict[str, Any]:
+    """Return how a controller was trained; empty if nobody wrote it down."""
+    return {} if path is None else json.loads(path.read_text())
+
+
+def load_weights(module: nn.Module, path: Path) -> None:
+    """Load weights that must fit exactly.
+
+    Raises:
+        DexFlexError: If the file is damaged or belongs to other networks.
+    """
+    try:
+        module.load_state_dict(load_file(path))
+    except (SafetensorError, RuntimeError, OSError) as error:
+        raise DexFlexError(
+            f"{path} does not hold the weights of this controller: {error}. "
+            "Download or train it again; its config.json must be the one written beside it."
+        ) from error
+
+
+def save(module: nn.Module, config: ControllerConfig, record: dict[str, Any], folder: Path) -> None:
+    """Write configuration, weights and training record."""
+    config.save(folder / CONFIG)
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in module.state_dict().items()}
+    save_file(tensors, folder / WEIGHTS, metadata={"format": "pt"})
+    if record:
+        (folder / RECORD).write_text(json.dumps(record, indent=2) + "\n")

@@ -1,0 +1,192 @@
+"""What a controller was built for: hand, rate, meaning of a draft, and the sizes of its networks."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
+
+FRAMES = (0, 1, 3, 7)
+"""Steps back at which joints, fingertips and touch are seen."""
+SLOW_STRIDE, SLOW_SAMPLES = 4, 8
+"""The slow window: every fourth step, eight of them, newest first."""
+DRAFT_HISTORY = 8
+"""Steps before this one whose drafts are seen."""
+FINGERS = ("index", "middle", "ring", "thumb")
+"""Order of the fingers in every tensor."""
+TAXELS = (10, 6)
+"""Rows and columns of taxels per fingertip."""
+_IDENTITY = {
+    "format": 1,
+    "embodiment": "leap_right",
+    "rate": 20.0,
+    "horizon": DRAFT_HORIZON,
+    "draft_definition": "commanded_displacement",
+    "fingers": FINGERS,
+    "frames": FRAMES,
+    "slow_stride": SLOW_STRIDE,
+    "slow_samples": SLOW_SAMPLES,
+    "draft_history": DRAFT_HISTORY,
+    "taxels": TAXELS,
+}
+"""What a checkpoint and this code must agree on."""
+
+
+@dataclass(frozen=True)
+class ControllerConfig:
+    """Everything needed to rebuild a controller's networks.
+
+    Raises:
+        DexFlexError: If the configuration is of another hand, rate or format than this code serves.
+    """
+
+    format: int = 1
+    """Version of the checkpoint's layout."""
+    embodiment: str = "leap_right"
+    """The hand."""
+    rate: float = 20.0
+    """Control rate [Hz]."""
+    horizon: int = DRAFT_HORIZON
+    """Control steps in a draft and in every candidate."""
+    draft_definition: str = "commanded_displacement"
+    """What one step of a draft is: a displacement of the commanded fingertips in the palm frame [m]."""
+    fingers: tuple[str, ...] = FINGERS
+    """Order of the fingers."""
+    frames: tuple[int, ...] = FRAMES
+    """Steps back at which joints, fingertips and touch are seen."""
+    slow_stride: int = SLOW_STRIDE
+    """Steps between two samples of the slow window."""
+    slow_samples: int = SLOW_SAMPLES
+    """Samples of the slow window."""
+    draft_history: int = DRAFT_HISTORY
+    """Steps before this one whose drafts are seen."""
+    taxels: tuple[int, ...] = TAXELS
+    """Rows and columns of taxels per fingertip."""
+
+    use_touch: bool = True
+    """Whether the networks ever see touch; without it every finger has the learned missing token."""
+    use_slow: bool = True
+    """Whether the networks ever see the slow token."""
+
+    touch_scale: float = 0.1
+    """Force at which the compression of touch turns from linear to logarithmic [N]."""
+    tip_scale: float = 0.04
+    """Fingertip positions are divided by this [m]."""
+    joint_step_scale: float = 0.05
+    """Changes of joints since an earlier frame are divided by this [rad]."""
+    tip_step_scale: float = 0.004
+    """Changes of fingertips since an earlier frame are divided by this [m]."""
+    residual_bound: float = 0.15
+    """Largest correction of a joint target [rad]."""
+
+    body_width: int = 96
+    """Width of the proprioceptive latent p."""
+    contact_width: int = 64
+    """Width of the global contact latent c."""
+    finger_width: int = 48
+    """Width of a finger's token."""
+    slow_levels: tuple[int, ...] = (8, 5)
+    """Levels of the finite scalar quantisation of the slow token."""
+    slow_width: int = 16
+    """Width of the slow token's embedding."""
+    prior_width: int = 96
+    """Width of the prior's tokens."""
+    prior_layers: int = 2
+    """Transformer blocks of the prior."""
+    prior_heads: int = 4
+    """Attention heads of the prior."""
+    world_width: int = 256
+    """Hidden width of the world model."""
+    score_width: int = 192
+    """Hidden width of the score."""
+    decoder_width: int = 192
+    """Hidden width of the decoder."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, list):
+                object.__setattr__(self, item.name, tuple(value))
+        for name, served in _IDENTITY.items():
+            value = getattr(self, name)
+            if value != served:
+                raise DexFlexError(
+                    f"A controller with `{name}` {value!r} cannot run here: this code serves {served!r}. "
+                    "Use a controller trained for it, or the lerobot_dexflex that trained this one."
+                )
+
+    @property
+    def latent_width(self) -> int:
+        """Width of z = [p, c, finger tokens], which the world model predicts."""
+        return self.body_width + self.contact_width + len(self.fingers) * self.finger_width
+
+    @property
+    def feature_width(self) -> int:
+        """Width of z and the slow token together: all that the networks know of a state."""
+        return self.latent_width + self.slow_width
+
+    @property
+    def chunk_width(self) -> int:
+        """Numbers in a chunk."""
+        return self.horizon * len(self.fingers) * 3
+
+    def check(self, embodiment: str | None = None, rate: float | None = None) -> None:
+        """Refuse a hand or control rate [Hz] that the controller was not trained for.
+
+        Raises:
+            DexFlexError: If one differs.
+        """
+        if embodiment is not None and embodiment != self.embodiment:
+            raise DexFlexError(
+                f"The controller was trained for the hand {self.embodiment!r}, not {embodiment!r}. "
+                "Choose a controller of that hand."
+            )
+        if rate is not None and abs(rate - self.rate) > 1e-6:
+            raise DexFlexError(
+                f"The controller was trained at {self.rate:g} Hz, not {rate:g} Hz. Run the control loop at "
+                f"{self.rate:g} Hz or choose another controller."
+            )
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], source: str = "the configuration") -> "ControllerConfig":
+        """Build from plain values, as in `config.json`.
+
+        Args:
+            values: Every name of `_IDENTITY` and any other field.
+            source: Where the values come from, for messages.
+
+        Raises:
+            DexFlexError: If a name is unknown, an essential one is missing, or a value does not fit.
+        """
+        known = {item.name for item in fields(cls)}
+        missing, unknown = sorted(set(_IDENTITY) - set(values)), sorted(set(values) - known)
+        if missing or unknown:
+            raise DexFlexError(
+                f"{source} is not a controller's: missing {missing}, unknown {unknown}. "
+                "A controller's folder is written by `DexFlexController.save_pretrained`."
+            )
+        return cls(**values)
+
+    @classmethod
+    def load(cls, path: Path) -> "ControllerConfig":
+        """Read `config.json`.
+
+        Raises:
+            DexFlexError: If the file is no controller's configuration.
+        """
+        try:
+            values = json.loads(path.read_text())
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise DexFlexError(
+                f"{path} is not valid JSON ({error}). Download the controller again."
+            ) from error
+        if not isinstance(values, dict):
+            raise DexFlexError(f"{path} must hold a JSON object. Download the controller again.")
+        return cls.from_dict(values, str(path))
+
+    def save(self, path: Path) -> None:
+        """Write `config.json`."""
+        path.write_text(json.dumps(asdict(self), indent=2) + "\n")

@@ -1,0 +1,196 @@
+"""Encode what the hand feels into a body latent, a contact latent, a token per finger and a slow token."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+from vector_quantize_pytorch import FSQ
+
+from lerobot_dexflex.controller.config import ControllerConfig
+from lerobot_dexflex.controller.history import History
+from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips
+
+_FINGERS = 4
+_TOUCH_FEATURES = 48
+_HEADS = 4
+
+
+class State(NamedTuple):
+    """An encoded history; all that the other networks know of the world."""
+
+    body: Tensor
+    """p, from proprioception. Shape (batch, body_width)."""
+    contact: Tensor
+    """c, from attention over the fingers. Shape (batch, contact_width)."""
+    fingers: Tensor
+    """Finger tokens. Shape (batch, 4, finger_width)."""
+    slow: Tensor
+    """Embedding of the slow discrete token g. Shape (batch, slow_width)."""
+
+    @property
+    def latent(self) -> Tensor:
+        """Z = [p, c, finger tokens]. Shape (batch, latent_width)."""
+        return torch.cat([self.body, self.contact, self.fingers.flatten(1)], -1)
+
+    @property
+    def features(self) -> Tensor:
+        """Z and the slow token. Shape (batch, feature_width)."""
+        return torch.cat([self.latent, self.slow], -1)
+
+
+class TouchNet(nn.Module):
+    """Features of one fingertip's taxels: the frames are the channels of a small image."""
+
+    def __init__(self, config: ControllerConfig) -> None:
+        super().__init__()
+        frames, (rows, columns) = len(config.frames), config.taxels
+        self.touch_scale = config.touch_scale
+        self.convolutions = nn.Sequential(
+            nn.Conv2d(frames, 16, 3, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(16, 24, 3, stride=2, padding=1),
+            nn.ReLU(),
+        )
+        self.out = nn.Linear(24 * (rows // 2) * (columns // 2) + frames, _TOUCH_FEATURES)
+
+    def forward(self, tactile: Tensor) -> Tensor:
+        """Map forces (batch, frames, 4, 10, 6) [N] to features (batch, 4, 48)."""
+        images = tactile.transpose(1, 2)  # (batch, 4, frames, 10, 6)
+        loads = compress(images.sum((-1, -2)), self.touch_scale)
+        maps = self.convolutions(compress(images, self.touch_scale).flatten(0, 1)).flatten(1)
+        return self.out(torch.cat([maps.unflatten(0, (-1, _FINGERS)), loads], -1))
+
+
+class SlowToken(nn.Module):
+    """Quantise 1.5 seconds of loads and fingertip motion into one of a few codes."""
+
+    def __init__(self, config: ControllerConfig) -> None:
+        super().__init__()
+        self.config = config
+        width = config.slow_samples * _FINGERS * 4 + _FINGERS
+        last = nn.Linear(64, len(config.slow_levels))
+        nn.init.normal_(last.weight, std=0.5)  # Spread over the codes from the start.
+        self.squeeze = nn.Sequential(nn.Linear(width, 64), nn.SiLU(), last)
+        self.quantizer = FSQ(levels=list(config.slow_levels))
+        self.embed = nn.Sequential(
+            nn.Linear(len(config.slow_levels), 32), nn.SiLU(), nn.Linear(32, config.slow_width)
+        )
+        self.missing = nn.Parameter(torch.zeros(config.slow_width))
+
+    def forward(self, history: History) -> tuple[Tensor, Tensor]:
+        """Return the embedding (batch, slow_width) and the code (batch,)."""
+        hidden = history.tactile_missing
+        loads = compress(history.slow_loads, self.config.touch_scale).masked_fill(hidden[:, None], 0)
+        tips = history.slow_fingertips
+        moves = (tips[:, 1:] - tips[:, :1]) / (4 * self.config.tip_step_scale)
+        place = (tips[:, 0] - tips[:, 0].mean(1, keepdim=True)) / self.config.tip_scale
+        parts = [loads.flatten(1), moves.flatten(1), place.flatten(1), hidden.to(loads)]
+        codes, indices = self.quantizer(self.squeeze(torch.cat(parts, -1)).unsqueeze(1))
+        absent = history.slow_missing[:, None]
+        return torch.where(absent, self.missing, self.embed(codes.squeeze(1))), indices.squeeze(1)
+
+
+class Encoder(nn.Module):
+    """From a `History` to a `State`.
+
+    Latents are layer-normed, so that predicting them is a bounded problem. Touch that is missing, or was
+    never to be used, is replaced by a learned token of its finger.
+    """
+
+    tip_center: Tensor
+    joint_center: Tensor
+    joint_range: Tensor
+
+    def __init__(self, config: ControllerConfig) -> None:
+        super().__init__()
+        self.config = config
+        center = (JOINT_LOWER + JOINT_UPPER) / 2
+        self.register_buffer("joint_center", center.float(), persistent=False)
+        self.register_buffer("joint_range", ((JOINT_UPPER - JOINT_LOWER) / 2).float(), persistent=False)
+        self.register_buffer("tip_center", fingertips(center[None])[0].float(), persistent=False)
+        frames = len(config.frames)
+        self.touch = TouchNet(config)
+        self.missing_touch = nn.Parameter(torch.zeros(_FINGERS, _TOUCH_FEATURES))
+        local = _TOUCH_FEATURES + frames * (4 + 3)
+        self.finger_bias = nn.Parameter(torch.randn(_FINGERS, 96) * 0.1)
+        self.finger_in = nn.Linear(local, 96)
+        self.finger_out = nn.Linear(96, config.finger_width)
+        self.body = nn.Sequential(
+            nn.Linear(frames * (16 + 12) + 3, 192), nn.SiLU(), nn.Linear(192, config.body_width)
+        )
+        self.query = nn.Linear(config.body_width, config.finger_width)
+        self.key_value = nn.Linear(config.finger_width, 2 * config.finger_width)
+        self.finger_place = nn.Parameter(torch.randn(_FINGERS, config.finger_width) * 0.1)
+        self.contact = nn.Sequential(
+            nn.Linear(5 * config.finger_width, 128), nn.SiLU(), nn.Linear(128, config.contact_width)
+        )
+        self.slow = SlowToken(config)
+        self.load_head = nn.Linear(config.finger_width, 1)
+        self.contact_head = nn.Linear(config.finger_width + config.body_width + config.contact_width, 1)
+
+    def forward(self, history: History, slow: Tensor | None = None) -> State:
+        """Encode a history.
+
+        Args:
+            history: The states and their past.
+            slow: Slow token to use, as `slow_token` returned it up to 8 steps ago; None computes it.
+                Shape (batch, slow_width).
+        """
+        joints, tips = self._proprioception(history)
+        missing = history.tactile_missing
+        if not self.config.use_touch:
+            missing = torch.ones_like(missing)
+        touch = torch.where(missing[..., None], self.missing_touch, self.touch(history.tactile))
+        local = torch.cat([touch, joints.transpose(1, 2).flatten(2), tips.transpose(1, 2).flatten(2)], -1)
+        hidden = functional.silu(self.finger_in(local) + self.finger_bias)
+        fingers = _norm(self.finger_out(hidden))
+        body = _norm(self.body(torch.cat([joints.flatten(1), tips.flatten(1), history.gravity], -1)))
+        if slow is None:
+            slow = self.slow_token(history)
+        return State(body, self._pool(body, fingers), fingers, slow)
+
+    def slow_token(self, history: History) -> Tensor:
+        """Return the slow token's embedding, to be cached for up to 8 steps. Shape (batch, slow_width)."""
+        if not self.config.use_slow:
+            history = history.without_slow()
+        if not self.config.use_touch:
+            history = history.without_touch()
+        return self.slow(history)[0]
+
+    def readout(self, state: State) -> tuple[Tensor, Tensor]:
+        """Return what the latents say in plain terms.
+
+        Returns:
+            log(1 + load [N]) per finger, and the logit that it carries load a horizon later; (batch, 4) each.
+        """
+        shared = torch.cat([state.body, state.contact], -1).unsqueeze(1).expand(-1, _FINGERS, -1)
+        later = self.contact_head(torch.cat([state.fingers, shared], -1)).squeeze(-1)
+        return self.load_head(state.fingers).squeeze(-1), later
+
+    def _proprioception(self, history: History) -> tuple[Tensor, Tensor]:
+        """Return joints (batch, frames, 4, 4) and tips (batch, frames, 4, 3): now, then changes since."""
+        joints, tips, config = history.joints, history.fingertips, self.config
+        place = (joints[:, :1] - self.joint_center) / self.joint_range
+        turned = (joints[:, :1] - joints[:, 1:]) / config.joint_step_scale
+        where = (tips[:, :1] - self.tip_center) / config.tip_scale
+        moved = (tips[:, :1] - tips[:, 1:]) / config.tip_step_scale
+        return torch.cat([place, turned], 1).unflatten(2, (_FINGERS, 4)), torch.cat([where, moved], 1)
+
+    def _pool(self, body: Tensor, fingers: Tensor) -> Tensor:
+        """Attend from the body to the fingers and mix with their tokens."""
+        tokens = fingers + self.finger_place
+        keys, values = self.key_value(tokens).unflatten(-1, (2, _HEADS, -1)).permute(2, 0, 3, 1, 4)
+        query = self.query(body).unflatten(-1, (_HEADS, 1, -1))  # (batch, heads, 1, head_dim)
+        weights = (query * keys).sum(-1).mul(keys.shape[-1] ** -0.5).softmax(-1)  # (batch, heads, fingers)
+        pooled = (weights.unsqueeze(-1) * values).sum(2).flatten(1)
+        return _norm(self.contact(torch.cat([pooled, fingers.flatten(1)], -1)))
+
+
+def compress(force: Tensor, scale: float) -> Tensor:
+    """Resolve light touch and bound strong touch: asinh of force over scale, both [N]."""
+    return torch.asinh(force / scale)
+
+
+def _norm(x: Tensor) -> Tensor:
+    return functional.layer_norm(x, x.shape[-1:])
