@@ -129,13 +129,16 @@ class HandEnv(gymnasium.Env):
         """Start the episode that `seed` alone decides."""
         super().reset(seed=seed)
         del options
-        self._load(self._sample_episode(self.np_random))
-        self._initialise(self.episode)
+        return self._start(self._sample_episode(self.np_random))
+
+    def _start(self, episode: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+        self._load(episode)
+        self._initialise(episode)
         mujoco.mj_forward(self.model, self.data)
         self._command = self.data.ctrl.copy()
         self.memory: dict[str, Any] = {}
         info = self._update()
-        return self._observe(), info
+        return self.observe(), info
 
     def step(self, action: NDArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Run one control step of 50 ms; success and an unrecoverable drop end the episode.
@@ -146,7 +149,7 @@ class HandEnv(gymnasium.Env):
         self.advance(action)
         info = self._update()
         done = bool(info["is_success"] or info.get("dropped", False))
-        return self._observe(), float(info["is_success"]), done, False, info
+        return self.observe(), float(info["is_success"]), done, False, info
 
     def advance(self, action: NDArray) -> None:
         """Execute joint targets [rad] for one control step without observing."""
@@ -226,7 +229,8 @@ class HandEnv(gymnasium.Env):
         self._palm = self.model.body("palm").id
         self._tips = np.array([self.model.site(f"{f}_tip").id for f in robot.FINGERS])
 
-    def _observe(self) -> dict[str, Any]:
+    def observe(self) -> dict[str, Any]:
+        """Return the observation of the state now; call once per control step, since touch has a memory."""
         data = self.data
         palm = data.xmat[self._palm].reshape(3, 3)
         tips = (data.site_xpos[self._tips] - data.xpos[self._palm]) @ palm

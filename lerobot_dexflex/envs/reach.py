@@ -85,6 +85,15 @@ class ReachEnv(HandEnv):
         super().__init__(**options)
         self._goals, self._gravity_rate = goals, gravity_rate
 
+    def begin(self, episode: ReachEpisode, seed: int) -> dict[str, Any]:
+        """Start a given episode instead of drawing one; `seed` decides goals and touch noise.
+
+        Returns:
+            The observation.
+        """
+        self.np_random = np.random.default_rng(seed)
+        return self._start(episode)[0]
+
     @property
     def object_pose(self) -> tuple[Array, Array]:
         """Position [m] (3,) and orientation (w x y z) of the object in the palm frame; privileged."""

@@ -47,7 +47,7 @@ def finger_frames(hand_joints: Tensor) -> FingerFrames:
         hand_joints: Joint positions [rad]. Shape (batch, 16).
     """
     angles = hand_joints.reshape(-1, len(leap.FINGERS), _LINKS_PER_FINGER)
-    positions, rotations = _LINK_POSITION.to(hand_joints), _LINK_ROTATION.to(hand_joints)
+    positions, rotations = _LINK_POSITION.to(hand_joints), LINK_ROTATION.to(hand_joints)
     cos, sin = torch.cos(angles), torch.sin(angles)
     zero, one = torch.zeros_like(cos), torch.ones_like(cos)
     # Every LEAP joint turns about -z of its own link.
@@ -130,6 +130,6 @@ def _per_finger(vectors: dict[str, leap.Vector3]) -> Tensor:
 
 
 _LINK_POSITION = torch.tensor([k.position for k in leap.LINKS], dtype=torch.float64).view(4, 4, 3)
-_LINK_ROTATION = torch.stack([_rotation(k.quaternion) for k in leap.LINKS]).view(4, 4, 3, 3)
+LINK_ROTATION = torch.stack([_rotation(k.quaternion) for k in leap.LINKS]).view(4, 4, 3, 3)
 _TIP = _per_finger(leap.TIP_POSITION)
 _PAD = _per_finger(leap.PAD_POSITION)

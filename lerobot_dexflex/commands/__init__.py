@@ -1,0 +1,1 @@
+"""Command streams: what degrades an operator's commands, and the loop that executes them."""

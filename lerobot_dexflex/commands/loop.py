@@ -1,0 +1,297 @@
+"""The closed loop: operator, corrupted command, interface, hand; batched over chains of goals.
+
+Each slot of a batch runs one chain; when it ends the next chain takes its place, so learned interfaces
+always see full batches. At every step the operator looks at the state that was actually reached, its clean
+displacement is corrupted, and the draft is the corrupted displacement held over the horizon: an operator
+with a glove knows no future. What a method changes, the operator notices.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from lerobot_dexflex.commands.corruption import CommandStream, Corruption
+from lerobot_dexflex.envs.reach import ReachEnv
+from lerobot_dexflex.experts.reach import kernels
+from lerobot_dexflex.experts.reach.chains import STEADY_STEPS, TOLERANCE, Chain, HeldObject
+from lerobot_dexflex.experts.reach.object_controller import LOADED
+from lerobot_dexflex.experts.reach.sensing import HandState
+from lerobot_dexflex.hand.poses import pose_error
+from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON, Interface
+
+Array = NDArray[np.float64]
+
+MAX_STEPS = 160
+GOAL_STEPS = 60
+"""After so many steps the next goal is set, with partial credit for this one."""
+SNAPSHOT_EVERY = 8
+"""Control steps between two snapshots of a recorded episode."""
+DROP_DISTANCE, DROP_STEPS = 0.08, 8
+"""An object is dropped this far from the start [m] or after so many steps with fewer than two loaded tips."""
+_FLOOR = 0.5
+"""Error, in tolerances summed, that counts as arrived in the partial credit."""
+
+Prepare = Callable[[ReachEnv, np.random.Generator], Callable[[int], None] | None]
+"""Changes an environment after its start; may return what to do before each control step."""
+
+
+@runtime_checkable
+class Privileged(Protocol):
+    """An interface that looks into the simulator: upper bounds only."""
+
+    def see(self, slots: Sequence["Slot | None"]) -> None:
+        """Look at the running episodes; row k of the batch is slot k. Called before each `step`."""
+        ...
+
+
+@dataclass
+class Episode:
+    """What happened in one chain. T = steps run; tips in the palm frame."""
+
+    chain: Chain
+    corruption: Corruption
+    dropped: bool = False
+    goals_reached: int = 0
+    progress: float = 0.0
+    """Goals reached plus partial credit of the others, over all goals."""
+    label: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
+    """Clean command u* at the state reached [m]. Shape (T, 4, 3)."""
+    draft: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
+    """Corrupted command [m]. Shape (T, 4, 3)."""
+    executed: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
+    """Executed displacement of the commanded tips [m]. Shape (T, 4, 3)."""
+    loads: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    """Normal force of each tip before the step [N]. Shape (T, 4)."""
+    in_event: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    """Whether a removal was going on. Shape (T,)."""
+    goal_error: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    """Distance [m] and angle [rad] to the goal after the step. Shape (T, 2)."""
+    explanations: list[Any] = field(default_factory=list)
+    """The interface's explanation of each step, where it gives one."""
+    rows: dict[str, NDArray] = field(default_factory=dict)
+    """Observations and commands of every step, if they were recorded; keys as in the corpus schema."""
+
+    @property
+    def steps(self) -> int:
+        """Control steps run."""
+        return len(self.label)
+
+
+class Slot:
+    """One running chain."""
+
+    def __init__(
+        self, env: ReachEnv, chain: Chain, corruption: Corruption, seed: int, prepare: Prepare | None
+    ) -> None:
+        self.held = HeldObject(env, chain.seed, chain.episode)
+        self.episode = Episode(chain, corruption)
+        rng = np.random.default_rng((chain.seed, seed, 7))
+        self.stream: CommandStream = corruption.stream(rng)
+        self._before_step = prepare(env, rng) if prepare else None
+        self.state: HandState = self.held.senses.read()
+        self.observation = self.held.observation
+        self._home = self.held.home
+        self._goal = -1
+        self._series: dict[str, list[Any]] = {}
+        self._loose = 0
+        self._next_goal()
+
+    @property
+    def steps(self) -> int:
+        """Control steps run so far."""
+        return len(self._series.get("label", ()))
+
+    def command(self, tips: Array) -> Array:
+        """Ask the operator, corrupt the answer; returns the draft's displacement [m] (4, 3).
+
+        Args:
+            tips: Commanded fingertips before the step [m]. Shape (4, 3).
+        """
+        self._tips = tips
+        label = self.held.operator.displacement(tips, self.state)
+        draft = self.stream.step(label, self.state.loads, self.state.inward)
+        self._keep(label=label, draft=draft, loads=self.state.loads, in_event=self.stream.in_event)
+        self.label = label
+        return draft
+
+    def advance(self, joints: Array, tips: Array, explanation: Any, record: bool) -> bool:
+        """Execute joints [rad] (16,) that put the commanded tips at `tips` [m] (4, 3); say if it goes on."""
+        before, env = self.observation, self.held.env
+        if record:
+            previous = self.held.joints
+            self._keep(
+                joints=before["agent_pos"],
+                fingertips=before["fingertips"],
+                gravity=before["gravity"],
+                tactile=before["tactile"],
+                command=self._tips,
+                joint_targets=joints,
+                label_joints=kernels.solve_fingertips(self._tips + self.label, previous),
+                snapshot_physics=env.snapshot().physics if (self.steps - 1) % SNAPSHOT_EVERY == 0 else None,
+            )
+        if self._before_step:
+            self._before_step(self.steps)
+        self.held.joints, self.held.command = joints, tips
+        env.advance(joints)
+        self.observation, self.state = env.observe(), self.held.senses.read()
+        self._keep(executed=tips - self._tips)
+        if explanation is not None:
+            self.episode.explanations.append(explanation)
+        return self._judge()
+
+    def _keep(self, **values: Any) -> None:
+        for key, value in values.items():
+            self._series.setdefault(key, []).append(value)
+
+    def _judge(self) -> bool:
+        episode, state = self.episode, self.state
+        distance, angle = pose_error(state.position, state.quaternion, *self._pose)
+        self._least = min(self._least, self._measure(distance, angle))
+        self._steady = self._steady + 1 if distance < TOLERANCE[0] and angle < TOLERANCE[1] else 0
+        lost = (state.loads > LOADED).sum() < 2
+        self._loose = self._loose + 1 if lost else 0
+        far = np.linalg.norm(state.position - self._home) > DROP_DISTANCE
+        self._keep(goal_error=(distance, angle), lost=bool(lost or far))
+        self._goal_steps += 1
+        if far or self._loose >= DROP_STEPS:
+            episode.dropped = True
+            return False
+        reached = self._steady >= STEADY_STEPS
+        if reached or self._goal_steps >= GOAL_STEPS:
+            episode.goals_reached += reached
+            episode.progress += 1.0 if reached else self._partial()
+            return self._next_goal()
+        return True
+
+    def finish(self) -> Episode:
+        """Return the episode with its series as arrays."""
+        episode, series = self.episode, self._series
+        if self._goal < len(episode.chain.goals):
+            episode.progress += self._partial()
+        episode.progress /= len(episode.chain.goals)
+        for key in ("label", "draft", "executed", "loads", "in_event", "goal_error"):
+            setattr(episode, key, np.array(series.pop(key)))
+        snapshots = series.pop("snapshot_physics", [])
+        episode.rows = {key: np.array(values) for key, values in series.items()}
+        kept = [k for k, physics in enumerate(snapshots) if physics is not None]
+        if kept:
+            episode.rows["snapshot_step"] = np.array(kept)
+            episode.rows["snapshot_physics"] = np.stack([snapshots[k] for k in kept])
+        return episode
+
+    def _next_goal(self) -> bool:
+        self._goal += 1
+        goals = self.episode.chain.goals
+        if self._goal >= len(goals):
+            return False
+        goal = goals[self._goal]
+        self._pose = np.array(goal.position), np.array(goal.quaternion)
+        self.held.set_goal(self._goal, goal)
+        self._first = self._least = self._measure(
+            *pose_error(self.state.position, self.state.quaternion, *self._pose)
+        )
+        self._goal_steps = self._steady = 0
+        return True
+
+    def _partial(self) -> float:
+        return float(np.clip((self._first - self._least) / max(self._first - _FLOOR, 1e-6), 0.0, 1.0))
+
+    @staticmethod
+    def _measure(distance: float, angle: float) -> float:
+        return distance / TOLERANCE[0] + angle / TOLERANCE[1]
+
+
+def run_chains(
+    chains: Sequence[Chain],
+    corruption: Corruption | Sequence[Corruption],
+    interface: Interface,
+    *,
+    seed: int = 0,
+    batch: int = 16,
+    max_steps: int = MAX_STEPS,
+    record: bool = False,
+    teacher: Callable[[np.random.Generator], Iterator[bool]] | None = None,
+    prepare: Prepare | None = None,
+    watch: Callable[[int, Slot], None] | None = None,
+) -> list[Episode]:
+    """Run one episode per chain and return them in the order of the chains.
+
+    Everything random about an episode follows from its chain's seed and `seed`, so that methods meet the
+    same starts, goals and corruption.
+
+    Args:
+        chains: Starts and goals.
+        corruption: How commands are degraded, for all or for each chain.
+        interface: The method under test.
+        seed: Further seed of the corruption.
+        batch: Number of hands that are simulated side by side.
+        max_steps: Time limit in control steps.
+        record: Whether to keep observations and commands in `Episode.rows`.
+        teacher: Begins, for each episode, a stream that says at which steps the clean command is executed
+            instead of the draft. Only for interfaces that execute drafts as they are.
+        prepare: Changes an environment after its start and may disturb it before each step.
+        watch: Called with the chain's index and its slot after each step, to film or log it.
+    """
+    corruptions = [corruption] * len(chains) if isinstance(corruption, Corruption) else list(corruption)
+    batch = min(batch, len(chains))
+    environments = [ReachEnv(cameras=()) for _ in range(batch)]
+    waiting = iter(range(len(chains)))
+    finished: dict[int, Episode] = {}
+    slots: list[Slot | None] = [None] * batch
+    numbers, teachers = [-1] * batch, [_never()] * batch
+    observations: list[dict[str, NDArray]] = [{}] * batch
+    initial = np.zeros((batch, 16))
+    interface.reset()
+    while True:
+        fresh = np.zeros(batch, bool)
+        for k in range(batch):
+            if slots[k] is None and (n := next(waiting, None)) is not None:
+                slot = slots[k] = Slot(environments[k], chains[n], corruptions[n], seed, prepare)
+                numbers[k], fresh[k], initial[k] = n, True, slot.held.joints
+                observations[k] = slot.observation
+                if teacher:
+                    teachers[k] = teacher(np.random.default_rng((chains[n].seed, seed, 11)))
+        running = [(k, slot) for k, slot in enumerate(slots) if slot is not None]
+        if not running:
+            return [finished[n] for n in range(len(chains))]
+        if fresh.any():
+            interface.reset(torch.from_numpy(fresh))
+        stacked = _stack(observations)
+        tips = interface.start(stacked, torch.from_numpy(initial)).numpy().copy()
+        displacement = np.zeros((batch, 4, 3))  # Ended rows stand still until the last one ends.
+        for k, slot in running:
+            draft = slot.command(tips[k])
+            displacement[k] = slot.label if next(teachers[k]) else draft
+        if isinstance(interface, Privileged):
+            interface.see(slots)
+        draft = torch.from_numpy(displacement)[:, None].expand(-1, DRAFT_HORIZON, -1, -1)
+        joints = interface.step(stacked, draft).numpy()
+        command = interface.command
+        assert command is not None
+        explanations = getattr(interface, "explanation", None)
+        for k, slot in running:
+            explanation = None if explanations is None else explanations.row(k)
+            goes_on = slot.advance(joints[k], command[k].numpy(), explanation, record)
+            observations[k] = slot.observation
+            if watch:
+                watch(numbers[k], slot)
+            if not goes_on or slot.steps >= max_steps:
+                finished[numbers[k]] = slot.finish()
+                slots[k] = None
+
+
+def _stack(observations: Sequence[Mapping[str, NDArray]]) -> dict[str, torch.Tensor]:
+    keys = {"agent_pos": "state", "tactile": "tactile", "fingertips": "fingertips", "gravity": "gravity"}
+    return {
+        f"observation.{name}": torch.from_numpy(np.stack([row[key] for row in observations]))
+        for key, name in keys.items()
+    }
+
+
+def _never() -> Iterator[bool]:
+    while True:
+        yield False

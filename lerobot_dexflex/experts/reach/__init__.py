@@ -1,0 +1,1 @@
+"""Privileged experts that move an object inside the hand: operator, search, verified goal chains."""
