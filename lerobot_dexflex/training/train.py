@@ -1,0 +1,147 @@
+"""Train all stages of a controller in sequence, each frozen for the next."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from lerobot_dexflex.controller.config import ControllerConfig
+from lerobot_dexflex.controller.controller import DexFlexController
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.training.bank import BankConfig, ProposalBank
+from lerobot_dexflex.training.corpus_data import CorpusData, ReplayData
+from lerobot_dexflex.training.decoder import DecoderConfig, DecoderStage
+from lerobot_dexflex.training.encoder_prior import EncoderPriorConfig, EncoderPriorStage, part
+from lerobot_dexflex.training.fit import FitConfig, Stage, fit, load_finished
+from lerobot_dexflex.training.score import ScoreConfig, ScoreStage
+from lerobot_dexflex.training.world_model import WorldModelConfig, WorldModelStage
+
+STAGES = ("encoder_prior", "world_model", "score", "decoder")
+
+_PARTS: dict[str, Callable[[DexFlexController], nn.Module]] = {
+    "encoder_prior": part,
+    "world_model": lambda controller: controller.world_model,
+    "score": lambda controller: controller.ranker,
+    "decoder": lambda controller: controller.decoder,
+}
+"""What of the controller each stage decides."""
+
+
+@dataclass
+class NetworkConfig:
+    """What of the controller may be chosen; the rest is fixed by the hand."""
+
+    use_touch: bool = True
+    """Train and run with touch."""
+    use_slow: bool = True
+    """Train and run with the slow token."""
+
+
+@dataclass
+class TrainConfig:
+    """Train a controller from a corpus."""
+
+    corpus: Path = Path("outputs/reach_corpus")
+    """The corpus; its test split is never read."""
+    output: Path = Path("outputs/controller")
+    """Folder of states, metrics and, in `controller`, the result. Run again to continue."""
+    stages: list[str] = field(default_factory=lambda: list(STAGES))
+    """Stages to train; the others keep the weights of `init_from`."""
+    init_from: str = ""
+    """Controller to start from: a folder or a Hub name."""
+    seed: int = 0
+    """Seed of initial weights and of all draws."""
+    threads: int = 1
+    """Threads of torch."""
+    operator_gain: float = 0.2
+    """Share of the commanded fingertips' error that the corpus's operator takes back per step."""
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    bank: BankConfig = field(default_factory=BankConfig)
+    encoder_prior: EncoderPriorConfig = field(default_factory=EncoderPriorConfig)
+    world_model: WorldModelConfig = field(default_factory=WorldModelConfig)
+    score: ScoreConfig = field(default_factory=ScoreConfig)
+    decoder: DecoderConfig = field(default_factory=DecoderConfig)
+
+    def __post_init__(self) -> None:
+        self.corpus, self.output = Path(self.corpus), Path(self.output)
+        unknown = sorted(set(self.stages) - set(STAGES))
+        if unknown or not self.stages:
+            raise DexFlexError(f"`stages` must name some of {', '.join(STAGES)}. Got {self.stages}.")
+        first = STAGES.index(next(s for s in STAGES if s in self.stages))
+        if first and not self.init_from:
+            raise DexFlexError(
+                f"Without `{STAGES[first - 1]}` in `stages`, name a trained controller with `init_from`."
+            )
+        if min(self.bank.rows, self.bank.held_out_rows) < 1 or self.threads < 1:
+            raise DexFlexError("`bank.rows`, `bank.held_out_rows` and `threads` must be at least 1.")
+
+
+class Trainer:
+    """All that the stages share: data and the controller in the making."""
+
+    def __init__(self, config: TrainConfig) -> None:
+        self.config = config
+        gain = config.operator_gain
+        self.train = CorpusData(config.corpus, "train", gain)
+        self.tune = CorpusData(config.corpus, "tune", gain)
+        torch.manual_seed(config.seed)
+        if config.init_from:
+            self.controller = DexFlexController.from_pretrained(config.init_from)
+        else:
+            self.controller = DexFlexController(ControllerConfig(**asdict(config.network)))
+        self.controller.eval().requires_grad_(False)
+
+    def stage(self, name: str) -> tuple[Stage, FitConfig]:
+        """Return a stage and how to train it; all before it must be trained."""
+        config, controller = self.config, self.controller
+        if name == "encoder_prior":
+            settings = config.encoder_prior
+            return EncoderPriorStage(controller, self.train, self.tune, settings), settings.fit
+        if name == "world_model":
+            settings = config.world_model
+            train = (self.train, ReplayData(config.corpus, "train", self.train))
+            tune = (self.tune, ReplayData(config.corpus, "tune", self.tune))
+            return WorldModelStage(controller, train, tune, settings), settings.fit
+        train_bank, tune_bank = self._banks()
+        if name == "score":
+            return ScoreStage(controller, train_bank, tune_bank, config.score), config.score.fit
+        train, tune = (self.train, train_bank), (self.tune, tune_bank)
+        return DecoderStage(controller, train, tune, config.decoder), config.decoder.fit
+
+    def _banks(self) -> tuple[ProposalBank, ProposalBank]:
+        config, folder = self.config.bank, self.config.output / "bank"
+        seed, load = self.config.seed, ProposalBank.load_or_draw
+        return (
+            load(folder / "train.safetensors", self.controller, self.train, config, config.rows, seed),
+            load(folder / "tune.safetensors", self.controller, self.tune, config, config.held_out_rows, seed),
+        )
+
+
+def train(config: TrainConfig) -> Path:
+    """Train what is not yet trained and assemble the controller; returns its folder.
+
+    Raises:
+        DexFlexError: If the corpus or a setting does not fit.
+        KeyboardInterrupt: After an interrupt; run again to continue.
+    """
+    torch.set_num_threads(config.threads)
+    trainer = Trainer(config)
+    controller = trainer.controller
+    record: dict[str, Any] = {k: v for k, v in controller.record.items() if k in STAGES}
+    for name in STAGES:
+        if name not in config.stages:
+            continue
+        folder = config.output / name
+        metrics = load_finished(_PARTS[name](controller), folder)
+        if metrics is None:
+            stage, how = trainer.stage(name)
+            metrics = fit(stage, how, folder, config.seed)
+            stage.network.load_state_dict(stage.average.state_dict())
+            stage.network.eval().requires_grad_(False)
+        record[name] = metrics
+    controller.record = {"corpus": config.corpus.as_posix(), "seed": config.seed} | record
+    controller.save_pretrained(config.output / "controller")
+    return config.output / "controller"
