@@ -1,8 +1,5 @@
 """Action interfaces: from a policy's draft to hand joint targets."""
 
-from collections.abc import Callable
-
-from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces.filter import FilterInterface as FilterInterface
 from lerobot_dexflex.interfaces.joint import JointInterface as JointInterface
 from lerobot_dexflex.interfaces.protocol import (
@@ -15,20 +12,5 @@ from lerobot_dexflex.interfaces.protocol import (
     Interface as Interface,
 )
 from lerobot_dexflex.interfaces.raw import RawInterface as RawInterface
-
-INTERFACES: dict[str, Callable[[], Interface]] = {
-    "joint": JointInterface,
-    "raw": RawInterface,
-    "filter": FilterInterface,
-}
-
-
-def make_interface(name: str) -> Interface:
-    """Build an interface by name.
-
-    Raises:
-        DexFlexError: If there is no such interface.
-    """
-    if name not in INTERFACES:
-        raise DexFlexError(f"Unknown interface {name!r}. Valid interfaces: {', '.join(INTERFACES)}.")
-    return INTERFACES[name]()
+from lerobot_dexflex.interfaces.registry import INTERFACES as INTERFACES
+from lerobot_dexflex.interfaces.registry import make_interface as make_interface

@@ -1,0 +1,60 @@
+"""Find a trained controller: the shipped one, a folder, or one on the Hugging Face hub."""
+
+import hashlib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from lerobot_dexflex.errors import DexFlexError
+
+SHIPPED = Path(__file__).resolve().parents[2] / "policies/checkpoints/controller_leap"
+"""Where the repository keeps its own controller."""
+DEXFLEX_FILES = ("config.json", "model.safetensors")
+DEXGEN_FILES = (*DEXFLEX_FILES, "dexgen.safetensors")
+FILES = {"dexflex": DEXFLEX_FILES, "dexgen": DEXGEN_FILES}
+"""Files of a controller's folder that decide what an interface does."""
+_HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
+_TRAIN = "python -m lerobot_dexflex.training configs/controller/leap.yaml"
+
+
+def find_controller(where: str | Path | None, files: Sequence[str] = DEXFLEX_FILES) -> Path:
+    """Return the folder of a controller.
+
+    Args:
+        where: A folder or a hub id `owner/name`, which is downloaded once; the shipped controller if empty.
+        files: Files that must be there.
+
+    Raises:
+        DexFlexError: If there is none; says how to train one.
+    """
+    folder = SHIPPED if where in (None, "") else Path(where)
+    if not folder.is_dir() and isinstance(where, str) and _HUB_ID.fullmatch(where):
+        folder = _download(where)
+    missing = [name for name in files if not (folder / name).is_file()]
+    if missing:
+        raise DexFlexError(
+            f"No controller at {folder}: {', '.join(missing)} not found. Give --policy.controller=<folder or "
+            f"hub id> of a trained one, or train it: {_TRAIN}"
+        )
+    return folder
+
+
+def controller_digest(folder: Path, interface: str) -> str:
+    """Return a digest of what decides a learned interface's behaviour in a controller's folder."""
+    digest = hashlib.sha256()
+    for name in FILES[interface]:
+        digest.update(name.encode() + b"\0" + (folder / name).read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def _download(hub_id: str) -> Path:
+    from huggingface_hub import snapshot_download
+    from huggingface_hub.errors import HfHubHTTPError, HFValidationError, LocalEntryNotFoundError
+
+    try:
+        return Path(snapshot_download(hub_id, allow_patterns=list(DEXGEN_FILES)))
+    except (HfHubHTTPError, HFValidationError, LocalEntryNotFoundError, OSError) as error:
+        raise DexFlexError(
+            f"No controller at {hub_id!r}: it is neither a folder here nor one that the hub gives "
+            f"({type(error).__name__}). Check the name and the connection, or train one: {_TRAIN}"
+        ) from error

@@ -1,0 +1,84 @@
+"""Why a learned interface did what it did in a control step, for logs, plots and people."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from torch import Tensor
+
+from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH
+from lerobot_dexflex.interfaces.touch_watch import FINGER_NAMES, TOUCH_HEALTH
+
+BRANCHES = ("draft", "pure", "seeded")
+"""Where a candidate came from: the draft itself, noise alone, or noise around the draft."""
+STILL = 0.002
+"""Regularises the relative size of an intervention where the draft stands still [m]."""
+_LIKELY = 0.5
+
+
+class Choice(NamedTuple):
+    """The decision among candidates that the hand is executing, and what the raw draft would have meant."""
+
+    branch: Tensor
+    """Index into `BRANCHES` of the chosen candidate. Shape (batch,)."""
+    score: Tensor
+    """Score of the chosen candidate. Shape (batch,)."""
+    draft_score: Tensor
+    """Score of the raw draft, candidate or not. Shape (batch,)."""
+    contact_loss: Tensor
+    """Dreamed probability that a finger loses contact within the horizon. Shape (batch, 4)."""
+    draft_contact_loss: Tensor
+    """The same for the raw draft."""
+    grasp_loss: Tensor
+    """Dreamed probability of losing the grasp within the horizon. Shape (batch,)."""
+    draft_grasp_loss: Tensor
+    """The same for the raw draft."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One control step of a learned interface."""
+
+    intervention: Tensor
+    """||executed - draft|| / (||draft|| + 2 mm) over the four fingertips. Shape (batch,)."""
+    touch_health: Tensor
+    """Index into `TOUCH_HEALTH` per finger. Shape (batch, 4)."""
+    draft_health: Tensor
+    """Index into `DRAFT_HEALTH`. Shape (batch,)."""
+    choice: Choice | None = None
+    """None for an interface that chooses among no candidates."""
+
+    def row(self, index: int) -> dict[str, Any]:
+        """Return one hand's explanation as plain numbers and names, ready for JSON."""
+        touch = self.touch_health[index].tolist()
+        found: dict[str, Any] = {
+            "intervention": self.intervention[index].item(),
+            "touch_health": {f: TOUCH_HEALTH[k] for f, k in zip(FINGER_NAMES, touch, strict=True)},
+            "draft_health": DRAFT_HEALTH[int(self.draft_health[index])],
+        }
+        if self.choice is not None:
+            found["branch"] = BRANCHES[int(self.choice.branch[index])]
+            for name in ("score", "draft_score", "grasp_loss", "draft_grasp_loss"):
+                found[name] = getattr(self.choice, name)[index].item()
+            for name in ("contact_loss", "draft_contact_loss"):
+                values = getattr(self.choice, name)[index].tolist()
+                found[name] = dict(zip(FINGER_NAMES, values, strict=True))
+        return found
+
+    def sentence(self, index: int) -> str:
+        """Return one hand's explanation as a sentence for a person."""
+        row = self.row(index)
+        parts = [f"changed the draft by {100 * row['intervention']:.0f} %"]
+        if "branch" in row:
+            parts[0] = f"{row['branch']} chosen, {parts[0]}"
+            at_risk = [f for f, p in row["draft_contact_loss"].items() if p > _LIKELY]
+            saved = [f for f in at_risk if row["contact_loss"][f] <= _LIKELY]
+            if saved:
+                parts.append(f"the draft would lose contact of {', '.join(saved)}")
+            if row["draft_grasp_loss"] > _LIKELY >= row["grasp_loss"]:
+                parts.append("the draft would lose the grasp")
+        sick = [f"{f} {health}" for f, health in row["touch_health"].items() if health != "ok"]
+        if sick:
+            parts.append(f"touch of {', '.join(sick)}")
+        if row["draft_health"] != "ok":
+            parts.append(f"draft {row['draft_health']}")
+        return "; ".join(parts)

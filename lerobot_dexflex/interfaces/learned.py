@@ -1,0 +1,116 @@
+"""What learned interfaces share: they see the past, doubt touch and drafts, move the hand and say why."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from torch import Tensor
+
+from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer
+from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips, solve_fingertips
+from lerobot_dexflex.interfaces.commanded_hand import STATE, CommandedInterface
+from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, find_controller
+from lerobot_dexflex.interfaces.draft_watch import DraftReading, DraftWatch, checked_draft
+from lerobot_dexflex.interfaces.explanation import STILL, Choice, Explanation
+from lerobot_dexflex.interfaces.protocol import CommandSpace
+from lerobot_dexflex.interfaces.touch_watch import TACTILE, TouchReading, TouchWatch, checked_taxels
+
+
+class Sensed(NamedTuple):
+    """Everything known at a control step."""
+
+    joints: Tensor
+    """Previous joint command [rad], float64. Shape (batch, 16)."""
+    tips: Tensor
+    """Commanded fingertips [m], float64. Shape (batch, 4, 3)."""
+    history: History
+    """What the networks see of the past."""
+    drafts_history: Tensor
+    """First displacements of earlier drafts, oldest first [m]. Shape (batch, 8, 4, 3)."""
+    draft: DraftReading
+    touch: TouchReading
+
+
+class LearnedInterface(CommandedInterface):
+    """An interface around a frozen controller.
+
+    A finger whose touch is missing, frozen or saturated is shown to the networks as missing; a late draft is
+    bridged and a wild one clipped. `explanation` tells.
+
+    Args:
+        controller: The controller, its folder or hub id; the shipped one if None.
+        files: Files that its folder must hold.
+    """
+
+    command_space: CommandSpace = "draft"
+
+    def __init__(
+        self, controller: DexFlexController | str | Path | None, files: tuple[str, ...] = DEXFLEX_FILES
+    ) -> None:
+        super().__init__()
+        self.folder: Path | None = None
+        if not isinstance(controller, DexFlexController):
+            self.folder = find_controller(controller, files)
+            controller = DexFlexController.from_pretrained(self.folder)
+        self.controller = controller.eval()
+        self._touch, self._drafts, self._past = TouchWatch(), DraftWatch(), HistoryBuffer()
+        self._explanation: Explanation | None = None
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """Why the last step was what it was; None before the first."""
+        return self._explanation
+
+    def reset(self, mask: Tensor | None = None) -> None:
+        """Begin a new episode in the rows of `mask`, or in all."""
+        super().reset(mask)
+        for part in (self._touch, self._drafts, self._past):
+            part.reset(mask)
+        if mask is None:
+            self._explanation = None
+
+    def _sense(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Sensed:
+        """Take in this step's observation and draft, after refusing what is wrong with them."""
+        joints, tips = self._hand.start(observation)
+        checked = checked_draft(draft, len(joints))
+        checked_taxels(observation, len(joints))
+        self.controller.to(joints.device)
+        touch = self._touch.look(observation, len(joints))
+        history = self._past.observe({**observation, TACTILE: touch.tactile})
+        history = history._replace(tactile_missing=touch.missing)
+        reading = self._drafts.look(checked, observation[STATE])
+        drafts_history = self._past.drafts
+        self._past.remember(reading.draft)
+        return Sensed(joints, tips, history, drafts_history, reading, touch)
+
+    def _execute(
+        self, sensed: Sensed, displacement: Tensor, residual: Tensor | None, choice: Choice | None
+    ) -> Tensor:
+        """Displace the commanded fingertips, correct the joints, remember both.
+
+        The command moves by the displacement and by as much as the correction moves the fingertips, so that
+        without a correction the hand does exactly what `raw` does. Setting the command to where the joints
+        put the fingertips would lose a fifth of every displacement: the posture tie of the inverse
+        kinematics leaves a lag, which the command keeps and the next step makes up.
+
+        Args:
+            sensed: This step.
+            displacement: Of the commanded fingertips [m]. Shape (batch, 4, 3).
+            residual: Correction of the joint targets [rad], (batch, 16).
+            choice: For the explanation.
+
+        Returns:
+            Joint targets [rad], float64. Shape (batch, 16).
+        """
+        tips = sensed.tips + displacement
+        joints = solve_fingertips(tips, sensed.joints)
+        if residual is not None:
+            raw = joints
+            joints = (raw + residual).clamp(JOINT_LOWER.to(raw), JOINT_UPPER.to(raw))
+            tips = tips + (fingertips(joints) - fingertips(raw))
+        self._hand.execute(joints, tips)
+        asked, done = sensed.draft.draft[:, 0], tips - sensed.tips
+        size = asked.flatten(1).norm(dim=1) + STILL
+        intervention = (done - asked).flatten(1).norm(dim=1) / size
+        self._explanation = Explanation(intervention, sensed.touch.health, sensed.draft.health, choice)
+        return joints

@@ -1,0 +1,50 @@
+import pytest
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.interfaces.controller_folder import DEXGEN_FILES, controller_digest, find_controller
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in DEXGEN_FILES:
+        (tmp_path / name).write_text(name)
+    return tmp_path
+
+
+def test_a_folder_is_found_as_text_or_path(folder):
+    assert find_controller(folder) == find_controller(str(folder)) == folder
+
+
+def test_a_missing_controller_ends_in_one_message_with_the_command_that_trains_it(tmp_path):
+    message = r"No controller at .*nowhere: config.json, model.safetensors not found.*train it: python -m"
+    with pytest.raises(DexFlexError, match=message):
+        find_controller(tmp_path / "nowhere")
+
+
+def test_a_controller_without_the_weights_of_dexgen_says_so(folder):
+    (folder / "dexgen.safetensors").unlink()
+    assert find_controller(folder) == folder
+    with pytest.raises(DexFlexError, match=r"dexgen.safetensors not found"):
+        find_controller(folder, DEXGEN_FILES)
+
+
+def test_a_hub_id_that_cannot_be_had_ends_in_one_message(monkeypatch):
+    from huggingface_hub import errors
+
+    def refuse(hub_id, **options):
+        raise errors.LocalEntryNotFoundError("offline")
+
+    monkeypatch.setattr("huggingface_hub.snapshot_download", refuse)
+    with pytest.raises(DexFlexError, match=r"No controller at 'nobody/nothing': it is neither a folder here"):
+        find_controller("nobody/nothing")
+
+
+def test_the_digest_follows_the_files_that_decide_and_no_others(folder):
+    before = {name: controller_digest(folder, name) for name in ("dexflex", "dexgen")}
+    (folder / "README.md").write_text("card")
+    assert controller_digest(folder, "dexflex") == before["dexflex"]
+    (folder / "dexgen.safetensors").write_text("other")
+    assert controller_digest(folder, "dexflex") == before["dexflex"]
+    assert controller_digest(folder, "dexgen") != before["dexgen"]
+    (folder / "model.safetensors").write_text("other")
+    assert controller_digest(folder, "dexflex") != before["dexflex"]

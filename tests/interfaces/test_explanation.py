@@ -1,0 +1,42 @@
+import json
+
+import torch
+
+from lerobot_dexflex.interfaces.explanation import Choice, Explanation
+
+OK = (torch.zeros(1, 4, dtype=torch.int64), torch.zeros(1, dtype=torch.int64))
+
+
+def choice(branch=2):
+    return Choice(
+        branch=torch.tensor([branch]),
+        score=torch.tensor([2.5]),
+        draft_score=torch.tensor([-1.0]),
+        contact_loss=torch.tensor([[0.1, 0.2, 0.1, 0.1]]),
+        draft_contact_loss=torch.tensor([[0.1, 0.9, 0.1, 0.1]]),
+        grasp_loss=torch.tensor([0.25]),
+        draft_grasp_loss=torch.tensor([0.75]),
+    )
+
+
+def test_a_row_is_plain_json_with_names_instead_of_indices():
+    row = Explanation(torch.tensor([0.5]), *OK, choice()).row(0)
+    assert json.loads(json.dumps(row)) == row
+    assert (row["branch"], row["draft_health"], row["score"]) == ("seeded", "ok", 2.5)
+    assert list(row["contact_loss"]) == list(row["touch_health"])
+    assert row["draft_grasp_loss"] == 0.75
+
+
+def test_an_interface_without_candidates_explains_its_intervention_and_what_it_saw():
+    row = Explanation(torch.tensor([0.5]), *OK).row(0)
+    assert set(row) == {"intervention", "touch_health", "draft_health"}
+
+
+def test_the_sentence_tells_what_the_draft_would_have_cost_and_which_touch_failed():
+    touch = torch.tensor([[0, 0, 0, 2]])
+    late = torch.tensor([1])
+    sentence = Explanation(torch.tensor([0.5]), touch, late, choice()).sentence(0)
+    assert sentence == (
+        "seeded chosen, changed the draft by 50 %; the draft would lose contact of middle; "
+        "the draft would lose the grasp; touch of thumb frozen; draft late"
+    )
