@@ -14,7 +14,7 @@ DEXGEN_FILES = (*DEXFLEX_FILES, "dexgen.safetensors")
 FILES = {"dexflex": DEXFLEX_FILES, "dexgen": DEXGEN_FILES}
 """Files of a controller's folder that decide what an interface does."""
 _HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
-_TRAIN = "python -m lerobot_dexflex.training configs/controller/leap.yaml"
+_TRAIN = "dexflex-train --config=configs/controller/leap.yaml"
 
 
 def find_controller(where: str | Path | None, files: Sequence[str] = DEXFLEX_FILES) -> Path:

@@ -10,24 +10,28 @@ from torch import nn
 
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.controller import DexFlexController
+from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.training.bank import BankConfig, ProposalBank
 from lerobot_dexflex.training.corpus_data import CorpusData, ReplayData
 from lerobot_dexflex.training.decoder import DecoderConfig, DecoderStage
+from lerobot_dexflex.training.diffusion_prior import DexGenConfig, DexGenStage
 from lerobot_dexflex.training.encoder_prior import EncoderPriorConfig, EncoderPriorStage, part
 from lerobot_dexflex.training.fit import FitConfig, Stage, fit, load_finished
 from lerobot_dexflex.training.score import ScoreConfig, ScoreStage
 from lerobot_dexflex.training.world_model import WorldModelConfig, WorldModelStage
 
-STAGES = ("encoder_prior", "world_model", "score", "decoder")
+STAGES = ("encoder_prior", "world_model", "score", "decoder", "dexgen")
+"""The last one is the baseline's: it needs the first only."""
 
-_PARTS: dict[str, Callable[[DexFlexController], nn.Module]] = {
-    "encoder_prior": part,
-    "world_model": lambda controller: controller.world_model,
-    "score": lambda controller: controller.ranker,
-    "decoder": lambda controller: controller.decoder,
+_PARTS: dict[str, Callable[["Trainer"], nn.Module]] = {
+    "encoder_prior": lambda trainer: part(trainer.controller),
+    "world_model": lambda trainer: trainer.controller.world_model,
+    "score": lambda trainer: trainer.controller.ranker,
+    "decoder": lambda trainer: trainer.controller.decoder,
+    "dexgen": lambda trainer: trainer.dexgen,
 }
-"""What of the controller each stage decides."""
+"""What each stage decides."""
 
 
 @dataclass
@@ -64,6 +68,7 @@ class TrainConfig:
     world_model: WorldModelConfig = field(default_factory=WorldModelConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
     decoder: DecoderConfig = field(default_factory=DecoderConfig)
+    dexgen: DexGenConfig = field(default_factory=DexGenConfig)
 
     def __post_init__(self) -> None:
         self.corpus, self.output = Path(self.corpus), Path(self.output)
@@ -93,6 +98,7 @@ class Trainer:
         else:
             self.controller = DexFlexController(ControllerConfig(**asdict(config.network)))
         self.controller.eval().requires_grad_(False)
+        self.dexgen = DiffusionPrior(self.controller.config)
 
     def stage(self, name: str) -> tuple[Stage, FitConfig]:
         """Return a stage and how to train it; all before it must be trained."""
@@ -105,6 +111,9 @@ class Trainer:
             train = (self.train, ReplayData(config.corpus, "train", self.train))
             tune = (self.tune, ReplayData(config.corpus, "tune", self.tune))
             return WorldModelStage(controller, train, tune, settings), settings.fit
+        if name == "dexgen":
+            settings = config.dexgen
+            return DexGenStage(controller, self.dexgen, self.train, self.tune, settings), settings.fit
         train_bank, tune_bank = self._banks()
         if name == "score":
             return ScoreStage(controller, train_bank, tune_bank, config.score), config.score.fit
@@ -135,7 +144,7 @@ def train(config: TrainConfig) -> Path:
         if name not in config.stages:
             continue
         folder = config.output / name
-        metrics = load_finished(_PARTS[name](controller), folder)
+        metrics = load_finished(_PARTS[name](trainer), folder)
         if metrics is None:
             stage, how = trainer.stage(name)
             metrics = fit(stage, how, folder, config.seed)
@@ -144,4 +153,6 @@ def train(config: TrainConfig) -> Path:
         record[name] = metrics
     controller.record = {"corpus": config.corpus.as_posix(), "seed": config.seed} | record
     controller.save_pretrained(config.output / "controller")
+    if "dexgen" in config.stages:
+        trainer.dexgen.save(config.output / "controller")
     return config.output / "controller"

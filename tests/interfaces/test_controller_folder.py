@@ -16,7 +16,7 @@ def test_a_folder_is_found_as_text_or_path(folder):
 
 
 def test_a_missing_controller_ends_in_one_message_with_the_command_that_trains_it(tmp_path):
-    message = r"No controller at .*nowhere: config.json, model.safetensors not found.*train it: python -m"
+    message = r"No controller at .*nowhere: config.json, model.safetensors not found.*train it: dexflex-train"
     with pytest.raises(DexFlexError, match=message):
         find_controller(tmp_path / "nowhere")
 

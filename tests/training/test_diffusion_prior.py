@@ -1,0 +1,69 @@
+import pytest
+import torch
+
+from lerobot_dexflex.controller import DexFlexController
+from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
+from lerobot_dexflex.interfaces.dexgen import DexGenInterface
+from lerobot_dexflex.training.corpus_data import CorpusData
+from lerobot_dexflex.training.diffusion_prior import DexGenConfig, DexGenStage
+from lerobot_dexflex.training.fit import FitConfig, fit
+from lerobot_dexflex.training.train import TrainConfig, train
+
+FIT = FitConfig(steps=30, batch_size=16, lr=3e-3, warmup_steps=10, ema=0.9)
+
+
+@pytest.fixture(scope="module")
+def controller():
+    torch.manual_seed(0)
+    return DexFlexController().eval().requires_grad_(False)
+
+
+@pytest.fixture(scope="module")
+def stage(corpus, controller):
+    config = DexGenConfig(fit=FIT, held_out_rows=8)
+    data = [CorpusData(corpus, split) for split in ("train", "tune")]
+    controller.scale.fit(data[0].clean_chunk(data[0].chunk_rows(expert=True)))
+    return DexGenStage(controller, DiffusionPrior(controller.config), *data, config)
+
+
+def test_the_loss_falls_and_the_encoder_stays_as_it_is(stage, controller, tmp_path):
+    before = {name: value.clone() for name, value in controller.state_dict().items()}
+    stage.batch()
+    with torch.no_grad():
+        start = stage.loss(stage.batch())[0].item()
+    metrics = fit(stage, FIT, tmp_path, seed=0)
+    with torch.no_grad():
+        assert stage.loss(stage.batch())[0].item() < 0.9 * start
+    assert all(torch.equal(value, before[name]) for name, value in controller.state_dict().items())
+    assert metrics["best_of_32_mm"] <= metrics["best_of_8_mm"] <= metrics["best_of_1_mm"]
+
+
+def test_overwhelming_guidance_ends_at_the_draft(stage):
+    chunk = stage._tune.clean_chunk(stage._held_out)
+    state = stage._controller.encode(stage._tune.history(stage._held_out))
+    assert stage._errors(state, chunk, chunk, 1e6).max() < 0.01
+
+
+def test_rows_that_are_no_experts_own_are_drawn_by_their_share(stage):
+    torch.manual_seed(0)
+    batch = stage.batch()
+    assert batch.chunk.shape == (FIT.batch_size, 8, 4, 3)
+    assert len(batch.history.joints) == FIT.batch_size
+
+
+def test_the_stage_puts_its_weights_beside_the_controller_that_it_started_from(corpus, controller, tmp_path):
+    controller.save_pretrained(tmp_path / "start")
+    config = TrainConfig(
+        corpus=corpus,
+        output=tmp_path / "run",
+        stages=["dexgen"],
+        init_from=str(tmp_path / "start"),
+        dexgen=DexGenConfig(fit=FitConfig(steps=2, batch_size=8), held_out_rows=8),
+    )
+    folder = train(config)
+    interface = DexGenInterface(folder)
+    assert "dexgen" in interface.controller.record
+    assert all(
+        torch.equal(a, b)
+        for a, b in zip(interface.controller.parameters(), controller.parameters(), strict=True)
+    )
