@@ -1,8 +1,6 @@
 """Run every interface on the same episodes, in worker processes, resumable."""
 
 import functools
-import shlex
-import sys
 import time
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
@@ -15,12 +13,16 @@ from tqdm import tqdm
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Outcome
-from lerobot_dexflex.evaluation.provenance import environment_identity, identity_digest
+from lerobot_dexflex.evaluation.provenance import (
+    environment_identity,
+    identity_digest,
+    session,
+    session_provenance,
+)
 from lerobot_dexflex.evaluation.report.film import Film
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.evaluation.rollout import Controller, run_group
 from lerobot_dexflex.evaluation.store import Store, write_json
-from lerobot_dexflex.recording.provenance import commit
 from lerobot_dexflex.recording.workers import run_numbered
 
 RESULT = "comparison.json"
@@ -88,7 +90,7 @@ class Comparison:
         groups = [self.group(k) for k in range(-(-self.episodes // self.batch_size))]
         return [(name, group) for group in groups for name in self.interfaces]
 
-    def run_job(self, store: Store, number: int) -> list[Outcome]:
+    def run_job(self, store: Store[Outcome], number: int) -> list[Outcome]:
         """Run and store the group of one interface."""
         interface, (first, end) = self.jobs()[number]
         environments = [_environment(self.env_id, row) for row in range(end - first)]
@@ -142,7 +144,7 @@ def compare(
     from lerobot_dexflex.evaluation.summary import summarise  # Seconds of imports that workers need not pay.
 
     identity = comparison.identity()
-    store = Store(comparison.output, identity)
+    store = Store(comparison.output, identity, Outcome.parse)
     jobs = comparison.jobs()
     finished = [o for o in store.load() if (o.interface, o.group) in set(jobs)]
     started = time.time()
@@ -153,7 +155,7 @@ def compare(
             finished += outcomes
     finally:
         if new:
-            store.add_session(_session(started, new, workers))
+            store.add_session(session(started, new, workers))
     finished.sort(key=lambda o: (o.episode, comparison.interfaces.index(o.interface)))
     result = {
         "config_hash": identity_digest(identity),
@@ -162,14 +164,14 @@ def compare(
         "seeds": [comparison.seed, comparison.seed + comparison.episodes - 1],
         **summarise(finished, comparison.interfaces),
         "episodes": [_plain(o) for o in finished],
-        "provenance": _provenance(store.sessions()),
+        "provenance": session_provenance(store.sessions()),
     }
     write_json(comparison.output / RESULT, result)
     return result, finished
 
 
 def _run(
-    comparison: Comparison, store: Store, finished: Sequence[Outcome], workers: int, quiet: bool
+    comparison: Comparison, store: Store[Outcome], finished: Sequence[Outcome], workers: int, quiet: bool
 ) -> Iterable[list[Outcome]]:
     jobs = comparison.jobs()
     done = {(o.interface, o.group) for o in finished}
@@ -184,22 +186,6 @@ def _run(
             bar.set_postfix_str(", ".join(f"{name} {sum(r)}/{len(r)}" for name, r in rates.items()))
             bar.update(len(outcomes))
             yield outcomes
-
-
-def _session(started: float, episodes: int, workers: int) -> dict[str, Any]:
-    return {
-        "command": shlex.join(["python", *sys.argv]),
-        "commit": commit(),
-        "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(started)),
-        "wall_time_s": round(time.time() - started, 1),
-        "episodes_run": episodes,
-        "workers": workers,
-    }
-
-
-def _provenance(sessions: list[dict[str, Any]]) -> dict[str, Any]:
-    last = {key: sessions[-1][key] for key in ("command", "commit")}
-    return last | {"wall_time_s": round(sum(s["wall_time_s"] for s in sessions), 1), "sessions": sessions}
 
 
 def _plain(outcome: Outcome) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """What is kept of an episode, and its one-line form on disk."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -75,6 +75,11 @@ class Outcome:
             return cls(**fields)
         except (KeyError, TypeError) as error:
             raise ValueError(f"Not an outcome: {line[:80]!r}") from error
+
+    @property
+    def job(self) -> Hashable:
+        """What was run together with this episode."""
+        return self.interface, self.group
 
     @property
     def ending(self) -> str:

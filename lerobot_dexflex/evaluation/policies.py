@@ -16,7 +16,9 @@ from torch import Tensor
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.evaluation.provenance import checkpoint_digest
-from lerobot_dexflex.interfaces import Interface, make_interface
+from lerobot_dexflex.interfaces import Interface, interface_entry
+from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
+from lerobot_dexflex.interfaces.explanation import Explanation
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 
@@ -29,27 +31,33 @@ class LeRobotPolicies:
     draft: Path
     """Folder `pretrained_model` of the policy that learned commanded fingertips."""
     device: str = "cpu"
+    controller: str = ""
+    """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
 
     def __call__(self, interface: str) -> "LeRobotController":
         """Load the checkpoint that fits the interface."""
-        return LeRobotController(self.checkpoint(interface), interface, self.device)
+        return LeRobotController(self.checkpoint(interface), interface, self.device, self.controller)
 
     def checkpoint(self, interface: str) -> Path:
         """Return the checkpoint folder of an interface."""
-        return self.joint if make_interface(interface).command_space == "joint" else self.draft
+        return self.joint if interface_entry(interface).command_space == "joint" else self.draft
 
     def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
-        """Check the checkpoints that are needed and return their content hashes and the device.
+        """Check the checkpoints and controllers that are needed; returns their content hashes and the device.
 
         Raises:
-            DexFlexError: If a checkpoint is missing or learned another action space.
+            DexFlexError: If one is missing or a checkpoint learned another action space.
         """
         found = {}
         for name in interfaces:
-            space = make_interface(name).command_space
+            space = interface_entry(name).command_space
             folder = self.checkpoint(name)
             check_checkpoint(folder, space)
             found[f"checkpoint.{space}"] = checkpoint_digest(folder)
+            if interface_entry(name).learned:
+                found[f"controller.{name}"] = controller_digest(
+                    find_controller(self.controller, FILES[name]), name
+                )
         return {**found, "device": self.device}
 
 
@@ -84,9 +92,10 @@ class LeRobotController:
         checkpoint: Folder `pretrained_model`.
         interface: Overrides the checkpoint's interface.
         device: Torch device.
+        controller: Overrides the checkpoint's controller; empty is the shipped one.
     """
 
-    def __init__(self, checkpoint: Path, interface: str, device: str) -> None:
+    def __init__(self, checkpoint: Path, interface: str, device: str, controller: str = "") -> None:
         # LeRobot takes seconds to import; only workers pay.
         from lerobot.configs import PreTrainedConfig
         from lerobot.policies.factory import get_policy_class, make_pre_post_processors
@@ -94,6 +103,8 @@ class LeRobotController:
 
         register_third_party_plugins()
         overrides = [f"--interface={interface}", f"--device={device}"]
+        if interface_entry(interface).learned:
+            overrides.append(f"--controller={find_controller(controller, FILES[interface])}")
         config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
         config.pretrained_path = checkpoint
         with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.
@@ -144,6 +155,11 @@ class ObservedInterface:
     def command(self) -> Tensor | None:
         """Executed commanded fingertips [m]. Shape (batch, 4, 3)."""
         return self._inner.command
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """Why the interface did what it did in the last step, if it tells."""
+        return getattr(self._inner, "explanation", None)
 
     def reset(self, mask: Tensor | None = None) -> None:
         """Begin a new episode in the rows of `mask`, or in all."""

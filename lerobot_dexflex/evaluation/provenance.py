@@ -4,10 +4,15 @@ import hashlib
 import importlib.util
 import json
 import os
-from collections.abc import Iterable
+import shlex
+import sys
+import time
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+from lerobot_dexflex.recording.provenance import commit
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _DECISIVE = ("hand", "envs", "interfaces", "evaluation/rollout.py", "evaluation/outcome.py")
@@ -17,10 +22,15 @@ _VERSIONS = ("lerobot", "mujoco", "numpy", "torch")
 _CHECKPOINT_SUFFIXES = (".json", ".safetensors")
 
 
-def code_digest() -> str:
-    """Return a digest of all source files that decide what happens in an episode."""
-    files = [(_PACKAGE, file) for part in _DECISIVE for file in _sources(_PACKAGE / part)]
-    plugin = importlib.util.find_spec(_PLUGIN)
+def code_digest(parts: Sequence[str] = _DECISIVE, policies: bool = True) -> str:
+    """Return a digest of all source files that decide what happens in an episode.
+
+    Args:
+        parts: Folders and files of this package.
+        policies: Whether the policy plugin decides as well.
+    """
+    files = [(_PACKAGE, file) for part in parts for file in _sources(_PACKAGE / part)]
+    plugin = importlib.util.find_spec(_PLUGIN) if policies else None
     if plugin is not None and plugin.origin is not None:
         folder = Path(plugin.origin).parent
         files += [(folder.parent, file) for file in _sources(folder)]
@@ -39,6 +49,24 @@ def environment_identity() -> dict[str, str]:
     """Return what of this installation can change results: code, versions, renderer."""
     versions = {f"version.{name}": version(name) for name in _VERSIONS}
     return {"code": code_digest(), "renderer": os.environ.get("MUJOCO_GL", "default"), **versions}
+
+
+def session(started: float, episodes: int, workers: int) -> dict[str, Any]:
+    """Return command, commit and duration of a run that began at `started` [s since the epoch]."""
+    return {
+        "command": shlex.join(["python", *sys.argv]),
+        "commit": commit(),
+        "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(started)),
+        "wall_time_s": round(time.time() - started, 1),
+        "episodes_run": episodes,
+        "workers": workers,
+    }
+
+
+def session_provenance(sessions: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return what a result file tells of the runs that it comes from."""
+    last = {key: sessions[-1][key] for key in ("command", "commit")}
+    return last | {"wall_time_s": round(sum(s["wall_time_s"] for s in sessions), 1), "sessions": sessions}
 
 
 def identity_digest(identity: dict[str, Any]) -> str:

@@ -2,29 +2,52 @@
 
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.outcome import Outcome
 
 SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
 
 
-class Store:
+class Storable(Protocol):
+    """An episode's result."""
+
+    @property
+    def job(self) -> Hashable:
+        """What was run together with this episode."""
+        ...
+
+    @property
+    def group(self) -> tuple[int, int]:
+        """First and one past the last episode of the job."""
+        ...
+
+    @property
+    def episode(self) -> int:
+        """Number of the episode."""
+        ...
+
+    def line(self) -> str:
+        """Return the result as one line of JSON."""
+        ...
+
+
+class Store[Result: Storable]:
     """Finished episodes of one comparison.
 
     Args:
         root: Folder; created if missing.
         identity: Settings on which every episode depends, flat.
+        parse: Inverse of a result's `line`; raises ValueError for a torn line.
 
     Raises:
         DexFlexError: If the folder belongs to something else or to other settings.
     """
 
-    def __init__(self, root: Path, identity: dict[str, Any]) -> None:
-        self.root = root
+    def __init__(self, root: Path, identity: dict[str, Any], parse: Callable[[str], Result]) -> None:
+        self.root, self._parse = root, parse
         self._settings = root / SETTINGS
         if root.exists() and not root.is_dir():
             raise DexFlexError(f"The output {root} is a file; choose a folder.")
@@ -39,7 +62,7 @@ class Store:
         root.mkdir(parents=True, exist_ok=True)
         write_json(self._settings, {"identity": identity, "sessions": []})
 
-    def append(self, outcomes: Sequence[Outcome]) -> None:
+    def append(self, outcomes: Sequence[Result]) -> None:
         """Append a finished group in one write; safe from several processes."""
         lines = "".join(outcome.line() for outcome in outcomes).encode()
         descriptor = os.open(self.root / EPISODES, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
@@ -49,19 +72,21 @@ class Store:
         finally:
             os.close(descriptor)
 
-    def load(self) -> list[Outcome]:
+    def load(self) -> list[Result]:
         """Return the episodes of completely finished groups, each once; drops a torn last line."""
         file = self.root / EPISODES
         if not file.exists():
             return []
-        found: dict[tuple[str, tuple[int, int]], dict[int, Outcome]] = {}
+        found: dict[Hashable, dict[int, Result]] = {}
         for line in file.read_text().splitlines():
             try:
-                outcome = Outcome.parse(line)
+                outcome = self._parse(line)
             except ValueError:
                 continue
-            found.setdefault((outcome.interface, outcome.group), {})[outcome.episode] = outcome
-        whole = [o for (_, (a, b)), group in found.items() if len(group) == b - a for o in group.values()]
+            found.setdefault(outcome.job, {})[outcome.episode] = outcome
+        whole = [
+            o for group in found.values() for o in group.values() if len(group) == o.group[1] - o.group[0]
+        ]
         _write(file, "".join(outcome.line() for outcome in whole))
         return whole
 

@@ -87,6 +87,10 @@ class CommandedInterface:
         """Return the commanded fingertips before this step [m], (batch, 4, 3); see `Interface.start`."""
         return self._hand.start(observation, initial)[1]
 
+    def follow(self, joints: Tensor, tips: Tensor) -> None:
+        """Go on from what was executed instead of the last step: joints (batch, 16), tips (batch, 4, 3)."""
+        self._hand.execute(joints, tips)
+
 
 def check_draft(draft: Tensor, element: tuple[int, ...], rows: int, meaning: str) -> Tensor:
     """Return the draft in float64, or refuse it.

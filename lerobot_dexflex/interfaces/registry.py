@@ -26,9 +26,24 @@ INTERFACES: dict[str, InterfaceEntry] = {
     "joint": InterfaceEntry("joint", "JointInterface", "joint"),
     "raw": InterfaceEntry("raw", "RawInterface", "draft"),
     "filter": InterfaceEntry("filter", "FilterInterface", "draft"),
+    "hold": InterfaceEntry("hold", "HoldInterface", "draft"),
+    "shrink": InterfaceEntry("shrink", "ShrinkInterface", "draft"),
+    "clip": InterfaceEntry("clip", "ClipInterface", "draft"),
+    "reflex": InterfaceEntry("reflex", "ReflexInterface", "draft"),
     "dexgen": InterfaceEntry("dexgen", "DexGenInterface", "draft", learned=True),
     "dexflex": InterfaceEntry("dexflex", "DexFlexInterface", "draft", learned=True),
 }
+
+
+def interface_entry(name: str) -> InterfaceEntry:
+    """Return an interface's entry.
+
+    Raises:
+        DexFlexError: If there is no such interface.
+    """
+    if name not in INTERFACES:
+        raise DexFlexError(f"Unknown interface {name!r}. Valid interfaces: {', '.join(INTERFACES)}.")
+    return INTERFACES[name]
 
 
 def make_interface(name: str, **options: Any) -> Interface:
@@ -41,7 +56,5 @@ def make_interface(name: str, **options: Any) -> Interface:
     Raises:
         DexFlexError: If there is no such interface, or no controller where one is needed.
     """
-    if name not in INTERFACES:
-        raise DexFlexError(f"Unknown interface {name!r}. Valid interfaces: {', '.join(INTERFACES)}.")
-    entry = INTERFACES[name]
+    entry = interface_entry(name)
     return getattr(importlib.import_module(f"{_HERE}.{entry.module}"), entry.class_name)(**options)

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,6 +97,21 @@ def test_the_identity_names_one_checkpoint_for_all_drafts(policies):
     assert set(identity) == {"checkpoint.joint", "checkpoint.draft", "device"}
     assert policies.identity(["raw"])["checkpoint.draft"] == identity["checkpoint.draft"]
     assert identity["checkpoint.joint"] != identity["checkpoint.draft"]
+
+
+@pytest.mark.parametrize("interface", ["dexgen", "dexflex"])
+def test_a_controller_moves_the_hand_and_belongs_to_the_identity(policies, controller_folder, interface):
+    with_controller = replace(policies, controller=str(controller_folder))
+    identity = with_controller.identity(["raw", interface])
+    assert set(identity) == {"checkpoint.draft", f"controller.{interface}", "device"}
+    raw, ours = act(policies("raw"), [5], steps=2), act(with_controller(interface), [5], steps=2)
+    np.testing.assert_array_equal(raw[..., :7], ours[..., :7])
+    assert np.abs(raw[..., 7:] - ours[..., 7:]).max() > 1e-3
+
+
+def test_a_comparison_without_its_controller_is_refused(policies, tmp_path):
+    with pytest.raises(DexFlexError, match="No controller at"):
+        replace(policies, controller=str(tmp_path)).identity(["dexflex"])
 
 
 def test_the_card_of_a_checkpoint_is_not_its_identity_but_its_configuration_is(policies, tmp_path):

@@ -1,0 +1,28 @@
+"""Episodes and chains that are known by hand."""
+
+import numpy as np
+
+from lerobot_dexflex.commands.corruption import Corruption
+from lerobot_dexflex.commands.loop import Episode
+from lerobot_dexflex.envs.reach import ReachEpisode
+from lerobot_dexflex.experts.reach.chains import Chain, Goal
+from lerobot_dexflex.hand.objects import ObjectSpec
+
+
+def chain(seed=0):
+    spec = ObjectSpec("box", (0.02, 0.02, 0.02), 0.1)
+    episode = ReachEpisode(spec, (0, 0, -1), (1, 0, 0), (0.0,) * 16, (0.0,) * 16, (0, 0, 0), (1, 0, 0, 0))
+    return Chain(seed, episode, (Goal((0.0, 0.0, float(seed)), (1, 0, 0, 0), False, 5),) * 8)
+
+
+def episode(steps=4, *, label=0.0, draft=None, executed=None, dropped=False, progress=0.5, event=(), seed=0):
+    """All steps alike; displacements are of the first fingertip along x [m]."""
+    found = Episode(chain(seed), Corruption("clean"), dropped=dropped, goals_reached=4, progress=progress)
+    for key, value in {"label": label, "draft": draft, "executed": executed}.items():
+        series = np.zeros((steps, 4, 3))
+        series[:, 0, 0] = label if value is None else value
+        setattr(found, key, series)
+    found.loads = np.full((steps, 4), 0.5)
+    found.in_event = np.isin(np.arange(steps), event)
+    found.goal_error = np.zeros((steps, 2))
+    return found
