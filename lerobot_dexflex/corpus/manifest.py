@@ -1,0 +1,101 @@
+"""The file `recipe.yaml` of a corpus: what it is, by which code, and what it cost."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from lerobot_dexflex.corpus.config import FIRST_SEED, CorpusConfig, identity
+from lerobot_dexflex.corpus.schema import KINDS
+from lerobot_dexflex.corpus.shard import read_header
+from lerobot_dexflex.errors import DexFlexError
+
+RECIPE = "recipe.yaml"
+
+
+def stage_folder(config: CorpusConfig) -> Path:
+    """Return where the shards of the stage lie, in folders by split, beside its recipe."""
+    return config.output if config.stage == "corpus" else config.output / "replays"
+
+
+def open_folder(config: CorpusConfig, origin: dict[str, Any]) -> None:
+    """Create or continue the folder of a stage.
+
+    Raises:
+        DexFlexError: If it holds something else, or another recipe; nothing is changed then.
+    """
+    folder = stage_folder(config)
+    recipe = folder / RECIPE
+    if recipe.is_file():
+        found = yaml.safe_load(recipe.read_text())
+        have, wanted = identity(found["recipe"], config.stage), identity(config.to_dict(), config.stage)
+        different = [
+            f"{key}: {have[key]} there, {wanted[key]} now" for key in wanted if have[key] != wanted[key]
+        ]
+        if different:
+            raise DexFlexError(
+                f"{folder} holds a corpus of another recipe ({'; '.join(different)}). Choose another "
+                "--output, or move it away; nothing was changed."
+            )
+        for leftover in folder.glob("*/*.tmp"):
+            leftover.unlink()
+        return
+    if folder.exists() and any(folder.iterdir()):
+        raise DexFlexError(
+            f"{folder} exists and has no {RECIPE}, so it is no corpus. Choose another --output, or move it "
+            "away; nothing was changed."
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(recipe, {"complete": False, "recipe": config.to_dict(), "origin": origin})
+
+
+def close_folder(
+    config: CorpusConfig, origin: dict[str, Any], shards: dict[str, list[Path]]
+) -> dict[str, Any]:
+    """Write the recipe with the totals of the finished shards and return the totals."""
+    totals = {split: _summary(paths) for split, paths in shards.items() if paths}
+    recipe = {"complete": True, "recipe": config.to_dict(), "origin": origin, "totals": totals}
+    _write(stage_folder(config) / RECIPE, recipe)
+    return totals
+
+
+def shard_jobs(config: CorpusConfig) -> list[tuple[str, int]]:
+    """Return split and number of every job, in the order in which they are started."""
+    return [(split, k) for split in FIRST_SEED for k in range(getattr(config.jobs, split))]
+
+
+def _summary(paths: list[Path]) -> dict[str, Any]:
+    """Add up what the headers of shards tell."""
+    sums: dict[str, float] = {}
+    commits = set()
+    for path in paths:
+        header = read_header(path)
+        commits |= {episode["commit"] for episode in header.get("episodes", ())}
+        for key, value in header["totals"].items():
+            sums[key] = sums.get(key, 0.0) + value
+    seconds = max(sums.get("cpu_seconds", 0.0), 1e-9)
+    patterns = {key.removeprefix("pattern_"): v for key, v in sums.items() if key.startswith("pattern_")}
+    seen = max(sum(patterns.values()), 1.0)
+    found: dict[str, Any] = {
+        key: int(v) for key, v in sums.items() if not key.startswith(("pattern_", "cpu"))
+    }
+    found |= {"shards": len(paths), "cpu_seconds": round(seconds, 1)}
+    if "steps" in sums:
+        found["steps_per_cpu_second"] = round(sums["steps"] / seconds, 1)
+    if patterns:
+        ordered = sorted(patterns.items(), key=lambda item: -item[1])
+        found["contact_patterns"] = {key: round(count / seen, 4) for key, count in ordered}
+    if commits:
+        found["commits"] = sorted(commits)
+    return found
+
+
+def kind_key(kind: int) -> str:
+    """Return the name under which totals count the steps of a kind."""
+    return "steps_" + KINDS[kind].replace(" ", "_")
+
+
+def _write(path: Path, values: dict[str, Any]) -> None:
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(yaml.safe_dump(values, sort_keys=False))
+    temporary.replace(path)

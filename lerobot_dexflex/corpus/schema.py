@@ -1,0 +1,144 @@
+"""What a shard of the corpus holds: one table of columns, and the check that a shard obeys it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lerobot_dexflex.errors import DexFlexError
+
+Tensors = dict[str, NDArray[Any]]
+
+FORMAT = "1"
+HORIZON = 8
+"""Control steps of an expert chunk and of a replay."""
+SNAPSHOT_INTERVAL = 8
+"""Control steps from one kept simulator state to the next."""
+
+SEARCH, OPERATED, ACQUIRED, INTERFACED, FAILED = range(5)
+KINDS = (
+    "search expert",
+    "operator under corrupted commands",
+    "acquisition and release",
+    "interface in the loop",
+    "failed search branch",
+)
+"""Meaning of the column `kind`."""
+SOURCES = ("expert", "prior", "perturbed", "draft-seeded")
+"""Meaning of the replays' column `source`."""
+
+
+class Column(NamedTuple):
+    """One tensor of a shard; None in `shape` is any size."""
+
+    shape: tuple[int | None, ...]
+    """Shape after the leading axis."""
+    dtype: str
+    unit: str
+    meaning: str
+
+
+COLUMNS = {
+    "joints": Column((16,), "float32", "rad", "measured joints before the step"),
+    "fingertips": Column((4, 3), "float32", "m", "measured tips before the step, palm frame"),
+    "gravity": Column((3,), "float32", "1", "unit direction of gravity, palm frame"),
+    "tactile": Column((240,), "float16", "N", "taxels before the step, 4 fingers x 10 x 6"),
+    "command": Column((4, 3), "float32", "m", "commanded tips before the step, palm frame"),
+    "draft": Column((4, 3), "float32", "m", "displacement that the (corrupted) operator asked for"),
+    "label": Column((4, 3), "float32", "m", "displacement that the clean expert wants in this state"),
+    "executed": Column((4, 3), "float32", "m", "executed displacement of the commanded tips"),
+    "joint_targets": Column((16,), "float32", "rad", "executed joint command"),
+    "label_joints": Column((16,), "float32", "rad", "joint command that the label would have given"),
+    "loads": Column((4,), "float32", "N", "true normal force of each tip on the object before the step"),
+    "expert": Column((), "bool", "", "whether the executed displacement is the label"),
+    "lost": Column((), "bool", "", "whether after the step fewer than 2 tips are loaded or the object left"),
+    "step": Column((), "int16", "1", "control step within the episode, 0 first"),
+    "episode": Column((), "int32", "1", "index into the shard's list of episodes"),
+    "kind": Column((), "uint8", "1", "index into KINDS"),
+}
+"""Tensors over the N control steps of a shard, episodes one after the other."""
+
+SNAPSHOT_COLUMNS = {
+    "snapshot_step": Column((), "int32", "1", "row before whose step the simulator was kept"),
+    "snapshot_physics": Column((None,), "float64", "", "MuJoCo's integration state"),
+    "snapshot_command": Column((16,), "float64", "rad", "joint command before the step"),
+}
+"""Tensors over the K kept simulator states of a shard."""
+
+REPLAY_COLUMNS = {
+    "shard": Column((), "int32", "1", "number of the shard that holds the initial state"),
+    "row": Column((), "int32", "1", "row of the initial state in that shard; its history is read there"),
+    "source": Column((), "uint8", "1", "index into SOURCES"),
+    "chunk": Column((HORIZON, 4, 3), "float32", "m", "displacements executed raw on the commanded tips"),
+    "joints": Column((HORIZON, 16), "float32", "rad", "measured joints after each step"),
+    "fingertips": Column((HORIZON, 4, 3), "float32", "m", "measured tips after each step"),
+    "tactile": Column((HORIZON, 240), "float16", "N", "taxels after each step"),
+    "loads": Column((HORIZON, 4), "float32", "N", "normal force of each tip after each step"),
+    "lost": Column((), "bool", "", "whether the grasp is lost: 2 steps in a row, or at the end"),
+    "object_motion": Column((2,), "float32", "m, rad", "how far the object went and turned"),
+}
+"""Tensors over the R replays of a replay shard."""
+
+
+def check_rows(tensors: Mapping[str, NDArray[Any]], episodes: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse tensors that are no shard of control steps.
+
+    Raises:
+        DexFlexError: If a column is missing, unknown, of another shape or type or not finite, or if the
+            episodes do not lie one after the other.
+    """
+    _check_keys(tensors, {**COLUMNS, **SNAPSHOT_COLUMNS})
+    rows = _check_columns(tensors, COLUMNS)
+    kept = _check_columns(tensors, SNAPSHOT_COLUMNS)
+    episode, step = tensors["episode"].astype(int), tensors["step"].astype(int)
+    starts = np.flatnonzero(np.diff(episode, prepend=-1))
+    if not np.array_equal(episode[starts], np.arange(len(episodes))):
+        raise DexFlexError(
+            f"`episode` must count 0 to {len(episodes) - 1} without gaps, one per entry of the metadata. "
+            f"Got starts {episode[starts].tolist()}."
+        )
+    expected = np.arange(rows) - np.repeat(starts, np.diff(np.append(starts, rows)))
+    if not np.array_equal(step, expected):
+        raise DexFlexError("`step` must count 0, 1, 2, ... within every episode.")
+    at = tensors["snapshot_step"]
+    if kept and (np.any(np.diff(at) <= 0) or at[0] < 0 or at[-1] >= rows):
+        raise DexFlexError(f"`snapshot_step` must increase within [0, {rows}). Got {at.tolist()}.")
+    if rows and tensors["kind"].max() >= len(KINDS):
+        raise DexFlexError(f"`kind` must be below {len(KINDS)}. Got {tensors['kind'].max()}.")
+
+
+def check_replays(tensors: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse tensors that are no shard of replays; see `check_rows`."""
+    _check_keys(tensors, REPLAY_COLUMNS)
+    rows = _check_columns(tensors, REPLAY_COLUMNS)
+    if rows and tensors["source"].max() >= len(SOURCES):
+        raise DexFlexError(f"`source` must be below {len(SOURCES)}. Got {tensors['source'].max()}.")
+
+
+def _check_keys(tensors: Mapping[str, Any], columns: Mapping[str, Column]) -> None:
+    missing, unknown = sorted(columns.keys() - tensors.keys()), sorted(tensors.keys() - columns.keys())
+    if missing or unknown:
+        raise DexFlexError(
+            f"A shard must hold exactly the columns {list(columns)}. Missing: {missing}; unknown: {unknown}."
+        )
+
+
+def _check_columns(tensors: Mapping[str, NDArray[Any]], columns: Mapping[str, Column]) -> int:
+    """Check shapes, types and values of columns that share their leading axis; return its length."""
+    rows = len(tensors[next(iter(columns))])
+    for key, column in columns.items():
+        found = tensors[key]
+        fits = len(found.shape) == 1 + len(column.shape) and found.shape[0] == rows
+        fits = fits and all(
+            want in (None, have) for want, have in zip(column.shape, found.shape[1:], strict=True)
+        )
+        if not fits or found.dtype != column.dtype:
+            wanted = ", ".join(str(size or "any") for size in (rows, *column.shape))
+            raise DexFlexError(
+                f"`{key}` must be {column.dtype} of shape ({wanted}). Got {found.dtype} of {found.shape}."
+            )
+        if found.dtype.kind == "f" and not np.isfinite(found).all():
+            bad = np.flatnonzero(~np.isfinite(found.reshape(rows, -1)).all(1))
+            raise DexFlexError(f"`{key}` holds NaN or infinity in rows {bad[:5].tolist()}.")
+    return rows

@@ -1,0 +1,170 @@
+"""What differs from episode to episode beside object and grasp: servos, sensors, pushes, slips, supports.
+
+Everything is stored with the episode, so that a replay rebuilds the same simulator.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from lerobot_dexflex.hand.grasp import HOLD, OBJECT
+from lerobot_dexflex.hand.grasp_candidates import GRAVITY
+from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS
+from lerobot_dexflex.hand.objects import ObjectSpec
+
+_JOINTS = len(HAND_JOINTS)
+_GAIN, _DAMPING = (0.85, 1.15), (0.7, 1.5)
+_MASS, _FRICTION = (0.85, 1.2), (0.85, 1.25)
+_MAX_JOINT_NOISE = 0.004
+_MAX_GRAVITY_RATE = 0.2
+_PUSH_SHARE, _MAX_PUSH = (0.2, 1.0), 2.0
+_PUSH_STEPS, _SLIP_STEPS, _SLIP_SHARE = (2, 7), (4, 13), (0.3, 0.7)
+_MEAN_INTERVAL = 50
+"""Control steps from one push, and from one slip, to the next."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force on the object's centre of mass."""
+
+    start: int
+    """Control step of the episode at which it begins."""
+    steps: int
+    force: tuple[float, ...]
+    """In the palm frame [N]."""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """Fingertips that grip less for a while."""
+
+    start: int
+    steps: int
+    share: float
+    """Of the fingertips' friction [1]."""
+
+
+@dataclass
+class Support:
+    """A fixture that carries the object at one pose."""
+
+    start: int
+    stop: int | None
+    """First control step without it; None if it stays."""
+    position: tuple[float, ...]
+    quaternion: tuple[float, ...]
+    softness: float
+    """Time constant of the fixture [s]."""
+
+
+@dataclass
+class World:
+    """Circumstances of one episode; control steps count from its start."""
+
+    seed: int = 0
+    """Of the sensors' noise."""
+    gravity_rate: float = 0.0
+    """How fast gravity turns [rad/s]."""
+    gains: tuple[float, ...] = (1.0,) * _JOINTS
+    """Share of the servos' position gain, per joint."""
+    damping: float = 1.0
+    """Share of the joints' damping."""
+    joint_noise: float = 0.0
+    """Standard deviation of measured joints [rad]."""
+    pushes: list[Push] = field(default_factory=list)
+    slips: list[Slip] = field(default_factory=list)
+    supports: list[Support] = field(default_factory=list)
+
+    @classmethod
+    def sample(cls, rng: np.random.Generator, turning: float = 0.5) -> "World":
+        """Draw servos and sensors; gravity turns in a share `turning` of the episodes."""
+        rate = rng.uniform(-_MAX_GRAVITY_RATE, _MAX_GRAVITY_RATE) if rng.random() < turning else 0.0
+        return cls(
+            seed=int(rng.integers(2**31)),
+            gravity_rate=float(rate),
+            gains=tuple(rng.uniform(*_GAIN, _JOINTS).tolist()),
+            damping=float(rng.uniform(*_DAMPING)),
+            joint_noise=float(rng.uniform(0, _MAX_JOINT_NOISE)),
+        )
+
+    def disturb(self, rng: np.random.Generator, steps: int, mass: float) -> None:
+        """Add random pushes and slips within `steps` control steps for an object of `mass` [kg]."""
+        weight = max(mass * GRAVITY, 1.0)
+        for start in _starts(rng, steps):
+            direction = rng.normal(size=3)
+            size = min(rng.uniform(*_PUSH_SHARE) * weight, _MAX_PUSH)
+            force = tuple((size * direction / np.linalg.norm(direction)).tolist())
+            self.pushes.append(Push(start, int(rng.integers(*_PUSH_STEPS)), force))
+        for start in _starts(rng, steps):
+            self.slips.append(Slip(start, int(rng.integers(*_SLIP_STEPS)), float(rng.uniform(*_SLIP_SHARE))))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, ready for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "World":
+        """Return the world that `to_dict` described."""
+        events = {
+            "gains": tuple(values["gains"]),
+            "pushes": [Push(**entry) for entry in values["pushes"]],
+            "slips": [Slip(**entry) for entry in values["slips"]],
+            "supports": [Support(**entry) for entry in values["supports"]],
+        }
+        return cls(**{**values, **events})
+
+
+def vary_object(spec: ObjectSpec, rng: np.random.Generator) -> ObjectSpec:
+    """Return the object with a little other mass and friction."""
+    mass, friction = spec.mass * rng.uniform(*_MASS), spec.friction * rng.uniform(*_FRICTION)
+    return replace(spec, mass=float(mass), friction=float(friction))
+
+
+class WorldPhysics:
+    """Apply a world to the model of an episode, freshly compiled.
+
+    Args:
+        model: Model of the scene; servos and damping are changed once, here.
+        world: What to apply; supports may be added while it runs.
+    """
+
+    def __init__(self, model: mujoco.MjModel, world: World) -> None:
+        self._model, self._world = model, world
+        gains = np.array(world.gains)
+        model.actuator_gainprm[:_JOINTS, 0] *= gains
+        model.actuator_biasprm[:_JOINTS, 1] *= gains
+        model.dof_damping[:_JOINTS] *= world.damping
+        self._tips = [model.geom(f"{finger}_{part}").id for finger in FINGERS for part in ("tip", "nose")]
+        self._friction = model.geom_friction[self._tips, 0].copy()
+        self._object, self._weld = model.body(OBJECT).id, model.equality(HOLD).id
+
+    def apply(self, data: mujoco.MjData, step: int) -> None:
+        """Set forces, friction and support of a control step; call before every step."""
+        world, model = self._world, self._model
+        force = np.zeros(3)
+        for push in world.pushes:
+            if push.start <= step < push.start + push.steps:
+                force += push.force
+        data.xfrc_applied[self._object, :3] = force
+        share = min((s.share for s in world.slips if s.start <= step < s.start + s.steps), default=1.0)
+        model.geom_friction[self._tips, 0] = share * self._friction
+        support = self.support_at(step)
+        data.eq_active[self._weld] = support is not None
+        if support is not None:
+            model.eq_data[self._weld] = 0.0
+            model.eq_data[self._weld, 3:11] = (*support.position, *support.quaternion, 1.0)
+            model.eq_solref[self._weld] = (support.softness, 1.0)
+
+    def support_at(self, step: int) -> Support | None:
+        """Return what carries the object in a control step."""
+        for support in self._world.supports:
+            if support.start <= step and (support.stop is None or step < support.stop):
+                return support
+        return None
+
+
+def _starts(rng: np.random.Generator, steps: int) -> list[int]:
+    return sorted(rng.integers(0, steps, rng.poisson(steps / _MEAN_INTERVAL)).tolist())

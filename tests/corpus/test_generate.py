@@ -1,0 +1,138 @@
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from lerobot_dexflex.corpus import generate
+from lerobot_dexflex.corpus.cli import main
+from lerobot_dexflex.corpus.config import CorpusConfig, Jobs, Shares
+from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS
+from lerobot_dexflex.corpus.shard import Shard, read_header, shard_path, write_shard
+from lerobot_dexflex.errors import DexFlexError
+
+
+def fake_job(config, commit, split, number):
+    """Write four empty steps instead of simulating."""
+    seed = config.object_seeds(split, number)[0]
+    columns = {**COLUMNS, **SNAPSHOT_COLUMNS}
+    rows = {key: np.zeros((4, *(size or 1 for size in c.shape)), c.dtype) for key, c in columns.items()}
+    rows["step"] = np.arange(4, dtype=np.int16)
+    rows["snapshot_step"] = np.arange(4, dtype=np.int32)
+    totals = {"steps": 4, "cpu_seconds": 0.5, "pattern_1111": 3, "pattern_0111": 1}
+    shard = Shard(rows, [{"seed": seed, "commit": commit}], totals)
+    write_shard(shard_path(config.output / split, number), shard)
+
+
+@pytest.fixture
+def config(tmp_path, monkeypatch):
+    monkeypatch.setattr(generate, "run_job", fake_job)
+    return CorpusConfig(output=tmp_path / "corpus", workers=0, jobs=Jobs(3, 1, 1))
+
+
+def test_a_corpus_has_its_shards_and_a_recipe_with_totals(config):
+    assert generate.generate(config, ["--workers=0"])
+    files = sorted(path.relative_to(config.output).as_posix() for path in config.output.rglob("*.*"))
+    train = [f"train/{k:05d}.safetensors" for k in range(3)]
+    assert files == ["recipe.yaml", "test/00000.safetensors", *train, "tune/00000.safetensors"]
+    recipe = yaml.safe_load((config.output / "recipe.yaml").read_text())
+    assert recipe["complete"]
+    assert recipe["origin"]["command"] == "dexflex-corpus --workers=0"
+    totals = recipe["totals"]["train"]
+    assert (totals["steps"], totals["shards"], totals["steps_per_cpu_second"]) == (12, 3, 8.0)
+    assert totals["contact_patterns"] == {"1111": 0.75, "0111": 0.25}
+    assert totals["commits"] == [recipe["origin"]["commit"]]
+
+
+def test_objects_of_the_splits_are_apart(config):
+    generate.generate(config, [])
+    seeds = {
+        split: [
+            read_header(path)["episodes"][0]["seed"] for path in sorted((config.output / split).iterdir())
+        ]
+        for split in ("train", "tune", "test")
+    }
+    assert seeds == {"train": [0, 8, 16], "tune": [10_000], "test": [20_000]}
+
+
+def test_what_is_there_is_not_made_again_and_more_can_be_asked_for(config, monkeypatch):
+    generate.generate(config, [])
+    first = shard_path(config.output / "train", 0)
+    stamp = first.stat().st_mtime_ns
+    shard_path(config.output / "train", 1).unlink()
+    made = []
+    monkeypatch.setattr(generate, "run_job", lambda *job: (made.append(job[2:]), fake_job(*job)))
+    config.jobs.train = 4
+    assert generate.generate(config, [])
+    assert made == [("train", 1), ("train", 3)]
+    assert first.stat().st_mtime_ns == stamp
+
+
+def test_an_interrupt_keeps_finished_shards(config, monkeypatch, capsys):
+    def interrupted(config, commit, split, number):
+        if number == 2:
+            raise KeyboardInterrupt
+        fake_job(config, commit, split, number)
+
+    monkeypatch.setattr(generate, "run_job", interrupted)
+    assert not generate.generate(config, [])
+    assert "2 of 5 shards" in capsys.readouterr().out
+    assert not yaml.safe_load((config.output / "recipe.yaml").read_text())["complete"]
+    monkeypatch.setattr(generate, "run_job", fake_job)
+    assert generate.generate(config, [])
+
+
+def test_another_recipe_or_folder_is_refused_untouched(config, tmp_path):
+    generate.generate(config, [])
+    before = (config.output / "recipe.yaml").read_text()
+    config.steps_per_object = 7
+    with pytest.raises(DexFlexError, match="steps_per_object: 600 there, 7 now"):
+        generate.generate(config, [])
+    assert (config.output / "recipe.yaml").read_text() == before
+    config.output = tmp_path / "other"
+    config.output.mkdir()
+    (config.output / "thesis.tex").touch()
+    with pytest.raises(DexFlexError, match="no corpus"):
+        generate.generate(config, [])
+
+
+def test_replays_have_their_own_recipe_beside_the_corpus(config, monkeypatch):
+    generate.generate(config, [])
+    monkeypatch.setattr(
+        generate, "run_replays", lambda c, *job: fake_job(CorpusConfig(output=c.output / "replays"), *job)
+    )
+    config.stage = "replays"
+    assert generate.generate(config, [])
+    assert len(list((config.output / "replays").glob("*/*.safetensors"))) == 5
+    assert yaml.safe_load((config.output / "replays/recipe.yaml").read_text())["complete"]
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"stage": "train"}, "`stage` must be one of"),
+        ({"workers": -1}, "must not be negative"),
+        ({"objects_per_job": 0}, "must be positive"),
+        ({"interface": "raw"}, "belong together"),
+        ({"jobs": Jobs(2000, 0, 0)}, "`train` may have at most 10000 objects"),
+        ({"jobs": Jobs(0, 126, 0)}, "`tune` may have at most 1000 objects"),
+    ],
+)
+def test_a_wrong_setting_is_refused_by_name(values, message):
+    with pytest.raises(DexFlexError, match=message):
+        CorpusConfig(**values)
+
+
+def test_shares_must_sum_to_one():
+    with pytest.raises(DexFlexError, match="must sum to 1"):
+        Shares(search=0.9)
+
+
+def test_the_command_line_reads_a_file_and_overrides(config, tmp_path, capsys):
+    recipe = tmp_path / "recipe.json"
+    recipe.write_text(json.dumps({"output": str(config.output), "workers": 0, "jobs": {"train": 9}}))
+    words = ["--config", str(recipe), "--jobs.train=1", "--jobs.tune=0", "--jobs.test=0"]
+    assert main(words) == 0
+    assert "train: 4 steps in 1 shards" in capsys.readouterr().out
+    assert main([*words, "--seed=1"]) == 1
+    assert "error: " in capsys.readouterr().err

@@ -1,0 +1,86 @@
+import json
+
+import numpy as np
+import pytest
+
+from lerobot_dexflex.corpus.env import CorpusEnv, episode_from_dict, episode_to_dict
+from lerobot_dexflex.corpus.world import Support, World, vary_object
+from lerobot_dexflex.envs.reach import ReachEnv
+from lerobot_dexflex.hand import leap
+from lerobot_dexflex.hand.objects import ObjectSpec
+
+
+def test_a_world_and_an_episode_survive_json(episode):
+    world = World.sample(np.random.default_rng(0))
+    world.disturb(np.random.default_rng(1), 400, 0.1)
+    world.supports.append(Support(0, None, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), 0.02))
+    assert world.pushes
+    assert world.slips
+    stored = json.loads(json.dumps(world.to_dict()))
+    assert json.loads(json.dumps(World.from_dict(stored).to_dict())) == stored
+    assert World.from_dict(stored).gains == world.gains
+    assert episode_from_dict(json.loads(json.dumps(episode_to_dict(episode)))) == episode
+
+
+def test_random_worlds_stay_within_their_ranges():
+    rng = np.random.default_rng(0)
+    spec = ObjectSpec("box", (0.02, 0.02, 0.03), 0.1, 0.8)
+    for _ in range(50):
+        world = World.sample(rng)
+        world.disturb(rng, 100, 0.1)
+        assert np.abs(np.array(world.gains) - 1).max() <= 0.15
+        assert 0.7 <= world.damping <= 1.5
+        assert all(0.2 <= np.linalg.norm(push.force) <= 2.0 for push in world.pushes)
+        assert all(0.3 <= slip.share <= 0.7 for slip in world.slips)
+        varied = vary_object(spec, rng)
+        assert 0.085 <= varied.mass <= 0.12
+        assert 0.68 <= varied.friction <= 1.0
+
+
+def test_servos_and_damping_of_the_model_are_those_of_the_world(episode, world):
+    env = CorpusEnv()
+    env.start(episode, world)
+    np.testing.assert_allclose(env.model.actuator_gainprm[:, 0], leap.KP * np.array(world.gains))
+    np.testing.assert_allclose(env.model.actuator_biasprm[:, 1], -leap.KP * np.array(world.gains))
+    np.testing.assert_allclose(env.model.dof_damping[:16], 1.2 * leap.DAMPING)
+
+
+def test_pushes_and_slips_come_and_go(episode, world):
+    env = CorpusEnv()
+    env.start(episode, world)
+    body, tip = env.model.body("object").id, env.model.geom("if_tip").id
+    friction = env.model.geom_friction[tip, 0]
+    for step in range(28):
+        env.advance(env.command)
+        pushed, slipping = 5 <= step < 9, 20 <= step < 26
+        np.testing.assert_array_equal(env.data.xfrc_applied[body, :3], (0.0, 0.3, 0.2) if pushed else 0.0)
+        assert env.model.geom_friction[tip, 0] == pytest.approx(friction * (0.7 if slipping else 1.0))
+
+
+def test_a_fixture_carries_the_object_until_it_is_taken_away(episode):
+    env = CorpusEnv()
+    world = World(supports=[Support(0, 10, episode.position, episode.quaternion, 0.02)])
+    env.start(episode, world)
+    opened = np.clip(env.command - 0.4, *env.model.jnt_range[:16].T)
+    for _ in range(10):
+        assert env.supported
+        env.advance(opened)
+    assert np.linalg.norm(env.object_pose[0] - episode.position) < 0.003
+    assert not env.supported
+    for _ in range(10):
+        env.advance(opened)
+    assert np.linalg.norm(env.object_pose[0] - episode.position) > 0.03
+
+
+def test_joint_noise_moves_joints_and_fingertips_alike(episode):
+    env = CorpusEnv()
+    clean, noisy = env.start(episode, World()), env.start(episode, World(joint_noise=0.01))
+    moved = noisy["agent_pos"] - clean["agent_pos"]
+    assert 0.003 < moved.std() < 0.03
+    assert 1e-4 < np.abs(noisy["fingertips"] - clean["fingertips"]).max() < 5e-3
+
+
+def test_the_seed_of_an_object_is_that_of_the_task(episode):
+    env = ReachEnv(render_mode=None, cameras=())
+    env.reset(seed=4)
+    assert env.episode == episode
