@@ -34,6 +34,7 @@ def parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=100_000, help="episode i uses seed SEED + i; default 100000 (held out)")
     add("--joint-policy", type=Path, help="folder pretrained_model; default: the shipped checkpoint")
     add("--draft-policy", type=Path, help="the same for all interfaces that read drafts")
+    add("--controller", default="", help="folder or hub id, for dexgen and dexflex; default: the shipped one")
     add("--device", default="cpu", help="torch device of the policies; default cpu")
     add("--workers", type=int, default=2, help="worker processes; does not change results; default 2")
     add("--batch-size", type=int, default=1, help="episodes in lock-step per worker; default 1")
@@ -75,18 +76,19 @@ def build(options: argparse.Namespace) -> Any:
     from lerobot_dexflex.evaluation.comparison import Comparison
     from lerobot_dexflex.evaluation.policies import LeRobotPolicies
     from lerobot_dexflex.evaluation.provenance import identity_digest
-    from lerobot_dexflex.interfaces import make_interface
+    from lerobot_dexflex.interfaces import interface_entry
 
     if options.task not in TASKS:
         raise DexFlexError(f"Unknown task {options.task!r}. Valid tasks: {', '.join(TASKS)}.")
     for name in options.interfaces:
-        make_interface(name)
+        interface_entry(name)
     if options.workers < 0:
         raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")
     policies = LeRobotPolicies(
         joint=options.joint_policy or shipped(options.task, "joint"),
         draft=options.draft_policy or shipped(options.task, "draft"),
         device=options.device,
+        controller=options.controller,
     )
     episodes, videos = (DEMO_EPISODES, DEMO_VIDEOS) if options.demo else (100, 4)
     comparison = Comparison(

@@ -69,3 +69,31 @@ def _synthetic_frame(rng, goal, phase, features):
 @pytest.fixture(scope="session")
 def synthetic_dataset(tmp_path_factory) -> Path:
     return make_synthetic_dataset(tmp_path_factory.mktemp("datasets") / "synthetic")
+
+
+@pytest.fixture(scope="session")
+def controller():
+    """A controller of random weights, also where it would start at zero."""
+    import torch
+
+    from lerobot_dexflex.controller import DexFlexController
+
+    torch.manual_seed(0)
+    controller = DexFlexController()
+    with torch.no_grad():
+        for value in controller.parameters():
+            value.add_(0.02 * torch.randn_like(value))
+    return controller.eval().requires_grad_(False)
+
+
+@pytest.fixture(scope="session")
+def controller_folder(controller, tmp_path_factory):
+    """The folder of the random controller, with random weights of DexGen."""
+    from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
+
+    folder = tmp_path_factory.mktemp("controller")
+    controller.save_pretrained(folder)
+    prior = DiffusionPrior(controller.config)
+    prior.network.load_state_dict(controller.prior.state_dict())
+    prior.save(folder)
+    return folder

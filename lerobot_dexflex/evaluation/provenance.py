@@ -15,7 +15,7 @@ from typing import Any
 from lerobot_dexflex.recording.provenance import commit
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_DECISIVE = ("hand", "envs", "interfaces", "evaluation/rollout.py", "evaluation/outcome.py")
+_DECISIVE = ("hand", "envs", "controller", "interfaces", "evaluation/rollout.py", "evaluation/outcome.py")
 """Parts of the library that decide what happens in an episode, beside the policy plugin."""
 _PLUGIN = "lerobot_policy_dexflex"
 _VERSIONS = ("lerobot", "mujoco", "numpy", "torch")

@@ -13,4 +13,5 @@ from lerobot_dexflex.interfaces.protocol import (
 )
 from lerobot_dexflex.interfaces.raw import RawInterface as RawInterface
 from lerobot_dexflex.interfaces.registry import INTERFACES as INTERFACES
+from lerobot_dexflex.interfaces.registry import interface_entry as interface_entry
 from lerobot_dexflex.interfaces.registry import make_interface as make_interface

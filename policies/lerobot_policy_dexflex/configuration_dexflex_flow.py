@@ -8,7 +8,7 @@ from lerobot.optim import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces import INTERFACES, make_interface
+from lerobot_dexflex.interfaces import INTERFACES, interface_entry
 
 ACTION_SPACES = ("joint", "draft")
 _INPUTS = ("observation.state", "observation.tactile", "observation.fingertips", "observation.gravity")
@@ -26,8 +26,13 @@ class DexflexFlowConfig(PreTrainedConfig):
 
     # What is learned and how it is executed
     interface: str = "joint"
-    """How the hand is commanded: `joint`, `raw` or `filter`. Switchable at evaluation within the same
-    action space: `joint` needs a checkpoint of joint targets, the others one of commanded fingertips."""
+    """How the hand is commanded: `joint`, `raw`, `filter`, `dexgen`, `dexflex` or another interface of
+    `lerobot_dexflex.interfaces`. Switchable at evaluation within the same action space: `joint` needs a
+    checkpoint of joint targets, the others one of commanded fingertips."""
+    controller: str = ""
+    """Folder or hub id of the frozen controller of `dexgen` and `dexflex`; empty is the repository's own."""
+    controller_digest: str = ""
+    """Interface and content hash of the controller that a checkpoint was saved with; set by the policy."""
     action_space: str = ""
     """Slice of the dataset's action that is learned: `joint` (all joint targets) or `draft` (arm joints and
     commanded fingertips). Empty in a new training: the interface decides. Saved in the checkpoint."""
@@ -140,10 +145,10 @@ class DexflexFlowConfig(PreTrainedConfig):
         Raises:
             DexFlexError: If the checkpoint learned another action space than the interface executes.
         """
-        wanted = make_interface(self.interface).command_space
+        wanted = interface_entry(self.interface).command_space
         self.action_space = self.action_space or wanted
         if self.action_space != wanted:
-            fitting = [n for n in INTERFACES if make_interface(n).command_space == self.action_space]
+            fitting = [n for n, entry in INTERFACES.items() if entry.command_space == self.action_space]
             raise DexFlexError(
                 f"Interface {self.interface!r} executes the action space {wanted!r}, but this checkpoint "
                 f"learned {self.action_space!r}. Choose --policy.interface={'|'.join(fitting)}, or load a "

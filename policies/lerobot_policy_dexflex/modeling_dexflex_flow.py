@@ -10,11 +10,12 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from torch import Tensor, nn
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces import DRAFT_HORIZON, make_interface
+from lerobot_dexflex.interfaces import DRAFT_HORIZON
 from lerobot_dexflex.training.dataset_cache import cache_dataset
 from lerobot_policy_dexflex.augmentation import jitter, shift_images, vary_light
 from lerobot_policy_dexflex.compatibility import check_dataset
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
+from lerobot_policy_dexflex.controller_link import link_interface
 from lerobot_policy_dexflex.drafts import displacement_draft, joint_draft
 from lerobot_policy_dexflex.encoders import Observation
 from lerobot_policy_dexflex.flow_network import LAST_TIME, FlowNetwork
@@ -27,7 +28,8 @@ class DexflexFlowPolicy(PreTrainedPolicy):
     """Flow-matching policy whose hand commands pass through `config.interface`.
 
     `forward` trains `network`; `update`, called by LeRobot after every optimiser step, moves its running
-    average, and everything in evaluation mode uses that average. Both are saved.
+    average, and everything in evaluation mode uses that average. Both are saved. An interface's controller is
+    no part of the policy: never trained, never saved, only named.
 
     Args:
         config: Policy configuration; `input_features` are filled in by LeRobot.
@@ -77,7 +79,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         )
         self.average = copy.deepcopy(self.network).requires_grad_(False)
         self.register_buffer("updates", torch.zeros((), dtype=torch.int64))
-        self.interface = make_interface(config.interface)
+        self.interface = link_interface(config)
         self.reset()
 
     def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]

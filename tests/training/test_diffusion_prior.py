@@ -21,9 +21,9 @@ def controller():
 @pytest.fixture(scope="module")
 def stage(corpus, controller):
     config = DexGenConfig(fit=FIT, held_out_rows=8)
-    data = [CorpusData(corpus, split) for split in ("train", "tune")]
-    controller.scale.fit(data[0].clean_chunk(data[0].chunk_rows(expert=True)))
-    return DexGenStage(controller, DiffusionPrior(controller.config), *data, config)
+    data, tune = (CorpusData(corpus, split) for split in ("train", "tune"))
+    controller.scale.fit(data.clean_chunk(data.chunk_rows(expert=True)))
+    return DexGenStage(controller, DiffusionPrior(controller.config), data, tune, config)
 
 
 def test_the_loss_falls_and_the_encoder_stays_as_it_is(stage, controller, tmp_path):

@@ -1,0 +1,31 @@
+"""Join a policy to the frozen controller of its interface, which it names but neither trains nor saves."""
+
+import warnings
+
+from lerobot_dexflex.interfaces import Interface, interface_entry, make_interface
+from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
+from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
+
+
+def link_interface(config: DexflexFlowConfig) -> Interface:
+    """Make the interface of a policy; notes the controller's content hash in the configuration.
+
+    Warns if the checkpoint was saved with a controller of other content under the same interface.
+
+    Raises:
+        DexFlexError: If the interface needs a controller and there is none.
+    """
+    name = config.interface
+    if not interface_entry(name).learned:
+        return make_interface(name)
+    folder = find_controller(config.controller, FILES[name])
+    found, saved = f"{name}:{controller_digest(folder, name)}", config.controller_digest
+    if saved.startswith(f"{name}:") and saved != found:
+        warnings.warn(
+            f"The controller {folder} ({found}) is not the one that this policy was saved with ({saved}): "
+            "its results will differ. Name the original with --policy.controller=<folder or hub id>, or "
+            "accept this one with --policy.controller_digest=",
+            stacklevel=2,
+        )
+    config.controller_digest = found
+    return make_interface(name, controller=folder)
