@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.commands.corruption import CommandStream, Corruption
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.experts.reach import kernels
-from lerobot_dexflex.experts.reach.chains import STEADY_STEPS, TOLERANCE, Chain, HeldObject
+from lerobot_dexflex.experts.reach.chains import MAX_STEPS, STEADY_STEPS, TOLERANCE, Chain, HeldObject
 from lerobot_dexflex.experts.reach.object_controller import LOADED
 from lerobot_dexflex.experts.reach.sensing import HandState
 from lerobot_dexflex.hand.poses import pose_error
@@ -25,7 +25,6 @@ from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON, Interface
 
 Array = NDArray[np.float64]
 
-MAX_STEPS = 160
 GOAL_STEPS = 60
 """After so many steps the next goal is set, with partial credit for this one."""
 SNAPSHOT_EVERY = 8

@@ -24,9 +24,10 @@ LOADED = 0.05
 """A fingertip carries load from this normal force on [N]."""
 LIFT_STEPS, LIFT_HEIGHT = 8, 0.018
 """A gaiting finger lifts off so far [m] in so many control steps."""
-TRANSFER_STEPS, APPROACH, PRESS = 7, 0.012, 0.004
-"""Steps of the swing, where it ends above the new point and how deep the placing may push [m]."""
-PLACE_STEPS = 14
+SWING_SPEED, SWING_STEPS, APPROACH = 0.006, 30, 0.012
+"""Speed of a swing to above the new place [m] per step, its longest duration, and how high above it ends [m]."""
+PLACE_SPEED, PRESS, PLACE_STEPS = 0.003, 0.004, 14
+"""Speed of the placing [m] per step, how deep it may push [m] and how long it may take."""
 LEAD = (0.010, 0.25)
 """How far the reference may be ahead of the object [m], [rad]."""
 _LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
@@ -35,7 +36,7 @@ _INTEGRAL_GAIN, _INTEGRAL_LIMIT = 0.05, np.array([0.004] * 3 + [0.1] * 3)
 _FORCE_SMOOTHING = 0.4
 _FRICTION_SHARE, _PRELOAD, _PRELOAD_GAIN = 0.6, 1.8, 1.5
 _MAX_TORQUE = 0.45
-_PUSH_STEP, _PUSH_RELEASE, _PUSH_LIMIT = 0.0015, 0.001, 0.012
+_PUSH_STEP, _FORCE_GAIN, _PUSH_LIMITS = 0.0015, 0.0001, (-0.004, 0.012)
 
 
 class Mode(IntEnum):
@@ -44,7 +45,7 @@ class Mode(IntEnum):
     PARKED = -1
     HOLD = 0
     LIFT = 1
-    TRANSFER = 2
+    SWING = 2
     PLACE = 3
 
 
@@ -67,7 +68,9 @@ class FingerStates:
     next_anchor: Array = field(default_factory=lambda: np.zeros((4, 3)))
     next_inward: Array = field(default_factory=lambda: np.zeros((4, 3)))
     push: Array = field(default_factory=lambda: np.zeros(4))
-    """How far anchors are pushed inward to find a lost contact again [m]. Shape (4,)."""
+    """How far anchors are pushed inward, to servo the force and to find a lost contact again [m]. Shape (4,)."""
+    free: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    """Where swinging tips have got to, in the object's frame [m]. Shape (4, 3)."""
     forces: Array = field(default_factory=lambda: np.zeros((4, 3)))
     integral: Array = field(default_factory=lambda: np.zeros(6))
     reference: tuple[Array, Array] | None = None
@@ -118,8 +121,11 @@ class ObjectController:
 
     def regrasp(self, finger: int, anchor: Array, inward: Array) -> None:
         """Send a finger to a new anchor [m] (3,) with contact normal `inward` (3,), both in the object's frame."""
-        fingers = self.fingers
-        fingers.mode[finger], fingers.timer[finger], fingers.push[finger] = Mode.LIFT, 0, 0.0
+        fingers, now = self.fingers, self.senses.read()
+        lifted = now.loads[finger] <= LOADED
+        fingers.mode[finger] = Mode.SWING if lifted else Mode.LIFT
+        fingers.timer[finger], fingers.push[finger] = 0, 0.0
+        fingers.free[finger] = (now.tips[finger] - now.position) @ now.rotation
         fingers.next_anchor[finger], fingers.next_inward[finger] = anchor, inward
 
     def joint_targets(self, now: HandState) -> Array:
@@ -144,13 +150,10 @@ class ObjectController:
                 self._hold(k, tips[k], inward[k])
             if fingers.mode[k] != Mode.HOLD:
                 continue
-            if load > LOADED:
-                fingers.timer[k] = 0
-                fingers.push[k] = max(0.0, fingers.push[k] - _PUSH_RELEASE)
-            else:
-                fingers.timer[k] += 1
-                if fingers.timer[k] >= 2:
-                    fingers.push[k] = min(_PUSH_LIMIT, fingers.push[k] + _PUSH_STEP)
+            fingers.timer[k] = 0 if load > LOADED else fingers.timer[k] + 1
+            missing = float(np.linalg.norm(fingers.forces[k])) - load
+            push = _PUSH_STEP if fingers.timer[k] >= 2 else _FORCE_GAIN * missing
+            fingers.push[k] = np.clip(fingers.push[k] + push, *_PUSH_LIMITS)
             if load > 2 * LOADED:
                 fingers.anchor[k] += _REANCHOR * (tips[k] - fingers.anchor[k])
                 normal = fingers.inward[k] + _REALIGN * (inward[k] - fingers.inward[k])
@@ -203,16 +206,15 @@ class ObjectController:
                 continue
             fingers.timer[k] += 1
             timer = fingers.timer[k]
-            above = fingers.next_anchor[k] - APPROACH * fingers.next_inward[k]
-            lifted = anchor - LIFT_HEIGHT * inward
             if mode == Mode.LIFT:
                 local = anchor - LIFT_HEIGHT * min(1.0, timer / LIFT_STEPS) * inward
                 done = timer >= LIFT_STEPS
-            elif mode == Mode.TRANSFER:
-                local = lifted + min(1.0, timer / (TRANSFER_STEPS - 1)) * (above - lifted)
-                done = timer >= TRANSFER_STEPS
+            elif mode == Mode.SWING:
+                way = fingers.next_anchor[k] - APPROACH * fingers.next_inward[k] - fingers.free[k]
+                local = fingers.free[k] + _shorten(way, SWING_SPEED)
+                done = timer >= SWING_STEPS or np.linalg.norm(way) <= SWING_SPEED
             else:
-                depth = min(PRESS, -APPROACH + 0.003 * timer)
+                depth = min(PRESS, -APPROACH + PLACE_SPEED * timer)
                 local = fingers.next_anchor[k] + depth * fingers.next_inward[k]
                 done = False
                 if now.loads[k] > 3 * LOADED:
@@ -220,6 +222,7 @@ class ObjectController:
                 elif timer > PLACE_STEPS:
                     fingers.mode[k] = Mode.PARKED
                     fingers.park[k] = now.tips[k] - 0.015 * now.rotation @ fingers.next_inward[k]
+            fingers.free[k] = local
             if done:
                 fingers.mode[k], fingers.timer[k] = mode + 1, 0
             targets[k] = now.position + now.rotation @ local

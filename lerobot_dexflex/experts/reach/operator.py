@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 CORRECTION = 0.2
 """Share of the lag between target and executed command that is made up per step. A gain of 1 is an unstable
 loop under delay."""
+_MAX_STEP = 0.006
+"""Fastest motion of a target [m] per step."""
 _PATIENCE, _COOL_DOWN = 10, 15
 _SURFACE_POINTS = 300
 
@@ -69,16 +71,23 @@ class Operator:
         now = now or self.senses.read()
         target = kernels.fingertips(self.controller.joint_targets(now))
         previous = command if self._target is None else self._target
+        step = target - previous
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        target = previous + step * np.minimum(1.0, _MAX_STEP / np.maximum(length, 1e-9))
         self._target = target
         self._replace_lost_finger(now)
         return target - previous + CORRECTION * (previous - command)
 
     def try_gait(self) -> bool:
-        """Send one finger to a better place if the other three can hold the object; say whether one goes."""
+        """Send a finger to a better place, the idle one if there is one; say whether one goes.
+
+        The other three must be able to hold the object.
+        """
         now, controller = self.senses.read(), self.controller
-        if controller.gaiting or (now.loads > 2 * LOADED).sum() < 4:
+        loaded = now.loads > 2 * LOADED
+        if controller.gaiting or loaded.sum() < 3:
             return False
-        for finger in self._rng.permutation(4):
+        for finger in self._rng.permutation(4) if loaded.all() else np.flatnonzero(~loaded):
             found = regrasp_points(controller, now, int(finger), self.surface, self._rng, firm=True)
             if found:
                 controller.regrasp(int(finger), *found[0])
@@ -102,7 +111,7 @@ class Operator:
         self._cool_down = max(0, self._cool_down - 1)
         controller = self.controller
         fingers = controller.fingers
-        if self._cool_down or controller.gaiting or (now.loads > LOADED).sum() < 2:
+        if self._cool_down or controller.gaiting or (now.loads > LOADED).sum() != 2:
             return
         lost = (fingers.mode == Mode.PARKED) | ((fingers.mode == Mode.HOLD) & (fingers.timer > _PATIENCE))
         if lost.any():

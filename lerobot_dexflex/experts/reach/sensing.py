@@ -76,5 +76,12 @@ class Senses:
             points[finger] = weighted[finger] / loads[finger]
             inward[finger] /= max(float(np.linalg.norm(inward[finger])), 1e-9)
         return HandState(
-            position, quaternion, quaternion_matrix(quaternion), tips, data.qpos[:16].copy(), loads, points, inward
+            position,
+            quaternion,
+            quaternion_matrix(quaternion),
+            tips,
+            data.qpos[:16].copy(),
+            loads,
+            points,
+            inward,
         )
