@@ -47,9 +47,9 @@ class TouchNet(nn.Module):
         frames, (rows, columns) = len(config.frames), config.taxels
         self.touch_scale = config.touch_scale
         self.convolutions = nn.Sequential(
-            nn.Conv2d(frames, 16, 3, padding=1),
+            nn.Conv2d(frames, 12, 3, stride=2, padding=1),
             nn.ReLU(),
-            nn.Conv2d(16, 24, 3, stride=2, padding=1),
+            nn.Conv2d(12, 24, 3, padding=1),
             nn.ReLU(),
         )
         self.out = nn.Linear(24 * (rows // 2) * (columns // 2) + frames, _TOUCH_FEATURES)

@@ -16,7 +16,8 @@ def main(arguments: list[str] | None = None) -> int:
         arguments: Command-line arguments; None takes those of this process.
     """
     try:
-        folder = train(draccus.parse(TrainConfig, args=arguments))
+        given = sys.argv[1:] if arguments is None else arguments
+        folder = train(draccus.parse(TrainConfig, args=[_long_name(a) for a in given]))
         print(f"The controller is in {folder}.")
         return 0
     except (DexFlexError, DraccusException, OSError) as error:
@@ -25,6 +26,12 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("Stopped. Run the same command again to continue.", file=sys.stderr)
         return 130
+
+
+def _long_name(argument: str) -> str:
+    """Let `--config` stand for draccus's `--config_path`."""
+    name, equals, value = argument.partition("=")
+    return f"--config_path{equals}{value}" if name == "--config" else argument
 
 
 def _reason(error: BaseException) -> BaseException:

@@ -83,10 +83,11 @@ class EncoderPriorStage(Stage):
         encoder, prior = _parts(self.network)
         state = encoder(batch.history)
         chunk = self._scale.normalize(batch.chunk).unsqueeze(1)
-        n_consistent = round(self._config.consistency_share * len(chunk))
-        flow, consistency = flow_losses(
-            prior, _parts(self.average), state, batch.history, chunk, n_consistent
-        )
+        n_flow = len(chunk) - round(self._config.consistency_share * len(chunk))
+        average_encoder, average_prior = _parts(self.average)
+        with torch.no_grad():
+            average_state = average_encoder(History(*[values[n_flow:] for values in batch.history]))
+        flow, consistency = flow_losses(prior, average_prior, state, average_state, chunk)
         log_loads, later = encoder.readout(state)
         load = functional.mse_loss(log_loads, batch.loads.log1p())
         known = batch.continues
@@ -146,24 +147,18 @@ def part(controller: DexFlexController) -> nn.Module:
 
 
 def flow_losses(
-    prior: Prior,
-    teacher: tuple[Encoder, Prior],
-    state: State,
-    history: History,
-    chunk: Tensor,
-    n_consistent: int,
+    prior: Prior, average: Prior, state: State, average_state: State, chunk: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Return the flow-matching and the self-consistency loss of a batch.
+    """Return the flow-matching and the self-consistency loss of a batch, which together are a mean.
 
     Args:
         prior: In training.
-        teacher: Moving averages of encoder and prior.
-        state: Encoded by the encoder in training.
-        history: What it encoded.
+        average: Its moving average, the teacher of consistency.
+        state: Encoded states.
+        average_state: The last of these states, encoded by the average; these rows train consistency.
         chunk: Normalised data. Shape (batch, 1, chunk_width).
-        n_consistent: Rows at the end that train consistency.
     """
-    rows = len(chunk)
+    rows, n_consistent = len(chunk), len(average_state.body)
     n_flow = rows - n_consistent
     # Flow times are dense near the noise, Beta(1, 1.5); steps and their starts fill the triangle evenly.
     t = LAST_TIME * (1 - torch.rand(rows, 1).pow(1 / 1.5))
@@ -173,22 +168,18 @@ def flow_losses(
     x = (1 - t)[..., None] * torch.randn_like(chunk) + t[..., None] * chunk
     target = (chunk - x) / (1 - t).clamp(min=1 - LAST_TIME)[..., None]
     if n_consistent:
-        target[n_flow:] = _two_half_steps(teacher, history, x, t, size, n_flow)
+        target[n_flow:] = _two_half_steps(average, average_state, x[n_flow:], t[n_flow:], size[n_flow:] / 2)
     error = (prior.velocity(x, t, size, prior.context(state)) - target).square().mean((1, 2))
-    weight = 1 / rows
-    return error[:n_flow].sum() * weight, error[n_flow:].sum() * weight
+    return error[:n_flow].sum() / rows, error[n_flow:].sum() / rows
 
 
-def _two_half_steps(
-    teacher: tuple[Encoder, Prior], history: History, x: Tensor, t: Tensor, size: Tensor, begin: int
-) -> Tensor:
-    encoder, prior = teacher
-    with torch.no_grad():
-        context = prior.context(encoder(History(*[part[begin:] for part in history])))
-        x, t, half = x[begin:], t[begin:], size[begin:] / 2
-        first = prior.velocity(x, t, half, context)
-        second = prior.velocity(x + half[..., None] * first, t + half, half, context)
-        return (first + second) / 2
+@torch.no_grad()
+def _two_half_steps(prior: Prior, state: State, x: Tensor, t: Tensor, half: Tensor) -> Tensor:
+    """Return the mean velocity over two steps of the given size, (batch, 1)."""
+    context = prior.context(state)
+    first = prior.velocity(x, t, half, context)
+    second = prior.velocity(x + half[..., None] * first, t + half, half, context)
+    return (first + second) / 2
 
 
 def _parts(network: nn.Module) -> tuple[Encoder, Prior]:

@@ -72,7 +72,7 @@ class Stage(ABC):
 
     @abstractmethod
     def evaluate(self) -> dict[str, float]:
-        """Return held-out metrics of `average`."""
+        """Return held-out metrics of `average`; NaN where one is not defined."""
 
 
 def fit(stage: Stage, config: FitConfig, folder: Path, seed: int) -> dict[str, float]:
@@ -167,7 +167,7 @@ class _Run:
     def evaluate(self) -> dict[str, float]:
         with torch.random.fork_rng(), torch.no_grad():
             torch.manual_seed(0)
-            metrics = self.stage.evaluate()
+            metrics = {k: v for k, v in self.stage.evaluate().items() if not math.isnan(v)}
         self._log({"held_out": metrics})
         tqdm.write(f"{self.stage.name} {self.step}: " + ", ".join(f"{k} {v:.4g}" for k, v in metrics.items()))
         return metrics
@@ -189,7 +189,7 @@ class _Run:
         norm = nn.utils.clip_grad_norm_(self.stage.network.parameters(), config.clip)
         if not torch.isfinite(norm):
             raise DexFlexError(
-                f"Training of {self.stage.name} diverged at step {self.step} (loss {float(loss):.3g}). "
+                f"Training of {self.stage.name} diverged at step {self.step} (loss {float(loss.detach()):.3g}). "
                 "Look for NaN in the corpus, or lower `lr`; the last resumable state is kept."
             )
         self.optimizer.step()

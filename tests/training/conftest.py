@@ -13,10 +13,10 @@ def make_corpus(root, seed=0):
     """Write a small corpus in the schema; labels depend on touch, and operators are disturbed."""
     generator = torch.Generator().manual_seed(seed)
     for split in ("train", "tune"):
-        for number in range(2):
-            shard = _shard(generator)
+        shards = [_shard(generator) for _ in range(2)]
+        for number, shard in enumerate(shards):
             _save(shard, root / split / f"{number:05d}.safetensors")
-        _save(_replays(shard, generator), root / "replays" / split / "00000.safetensors")
+        _save(_replays(shards[-1], generator), root / "replays" / split / "00000.safetensors")
     return root
 
 
@@ -26,55 +26,45 @@ def _save(tensors, path):
 
 
 def _shard(generator):
-    episodes = [_episode(k, generator) for k in range(EPISODES)]
-    return {key: torch.cat([episode[key] for episode in episodes]) for key in episodes[0]}
+    """Six episodes side by side, then one after the other."""
 
-
-def _episode(number, generator):
     def noise(*shape):
-        return torch.randn(*shape, generator=generator)
+        return torch.randn(EPISODES, *shape, generator=generator)
 
-    kind = (0, 1, 2, 3, 0, 4)[number]
+    kind = torch.tensor([0, 1, 2, 3, 0, 4], dtype=torch.uint8)
+    operated = ((kind == 1) | (kind == 3)).view(-1, 1, 1)
     joints = (JOINT_LOWER + JOINT_UPPER).float() / 2 + 0.2 * noise(16)
-    phase = 3 * noise(4)
-    command = fingertips(joints[None])[0]
-    target = joints.clone()
-    gravity = torch.nn.functional.normalize(noise(3), dim=0)
-    rows = []
+    target, command, phase = joints, fingertips(joints), 3 * noise(4)
+    gravity = torch.nn.functional.normalize(noise(3), dim=-1)
+    steps = []
     for step in range(STEPS):
-        tips = fingertips(joints[None])[0]
         loads = (0.5 * torch.sin(step / 6 + phase)).clamp(min=0)
-        tactile = (loads[:, None] * torch.ones(60) / 60).flatten()
-        label = 0.001 * (loads[:, None] - 0.2) * torch.tensor([1.0, -1.0, 0.5])
-        draft = label if kind in (0, 2, 4) else label + 0.001 * noise(4, 3)
-        executed = draft
-        label_joints, target = solve_fingertips(
-            torch.stack([command + label, command + executed]).double(), target.double().expand(2, -1)
-        )
-        rows.append(
-            {
-                "joints": joints,
-                "fingertips": tips,
-                "gravity": gravity,
-                "tactile": tactile.half(),
-                "command": command,
-                "draft": draft,
-                "label": label,
-                "executed": executed,
-                "joint_targets": target.float(),
-                "label_joints": label_joints.float(),
-                "loads": loads,
-                "expert": torch.tensor(kind in (0, 2)),
-                "lost": (loads > 0.05).sum() < 2,
-                "step": torch.tensor(step, dtype=torch.int16),
-                "episode": torch.tensor(number, dtype=torch.int32),
-                "kind": torch.tensor(kind, dtype=torch.uint8),
-            }
-        )
-        command = command + executed
-        target = target.float()
-        joints = target + 0.002 * noise(16)
-    return {key: torch.stack([row[key] for row in rows]) for key in rows[0]}
+        label = 0.001 * (loads[..., None] - 0.2) * torch.tensor([1.0, -1.0, 0.5])
+        draft = label + operated * 0.001 * noise(4, 3)
+        wanted = torch.cat([command + label, command + draft]).double()
+        solved = solve_fingertips(wanted, target.double().repeat(2, 1), iterations=1).float()
+        label_joints, target = solved.split(EPISODES)
+        row = {
+            "joints": joints,
+            "fingertips": fingertips(joints),
+            "gravity": gravity,
+            "tactile": (loads / 60).repeat_interleave(60, -1).half(),
+            "command": command,
+            "draft": draft,
+            "label": label,
+            "executed": draft,
+            "joint_targets": target,
+            "label_joints": label_joints,
+            "loads": loads,
+            "expert": (kind == 0) | (kind == 2),
+            "lost": (loads > 0.05).sum(1) < 2,
+            "step": torch.full((EPISODES,), step, dtype=torch.int16),
+            "episode": torch.arange(EPISODES, dtype=torch.int32),
+            "kind": kind,
+        }
+        steps.append(row)
+        command, joints = command + draft, target + 0.002 * noise(16)
+    return {key: torch.stack([row[key] for row in steps], 1).flatten(0, 1) for key in steps[0]}
 
 
 def _replays(shard, generator):

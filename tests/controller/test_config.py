@@ -1,0 +1,56 @@
+import json
+
+import pytest
+
+from lerobot_dexflex.controller import ControllerConfig
+from lerobot_dexflex.errors import DexFlexError
+
+
+def test_config_survives_json(tmp_path):
+    config = ControllerConfig(use_touch=False, prior_width=64)
+    config.save(tmp_path / "config.json")
+    assert ControllerConfig.load(tmp_path / "config.json") == config
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"embodiment": "allegro"},
+        {"rate": 50.0},
+        {"format": 2},
+        {"draft_definition": "tips"},
+        {"frames": (0, 1)},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_config_of_another_hand_rate_or_format_is_refused(change):
+    with pytest.raises(DexFlexError, match=next(iter(change))):
+        ControllerConfig(**change)
+
+
+def test_config_checks_the_hand_and_the_rate_it_runs_at():
+    config = ControllerConfig()
+    config.check("leap_right", 20.0)
+    with pytest.raises(DexFlexError, match="allegro"):
+        config.check(embodiment="allegro")
+    with pytest.raises(DexFlexError, match="50 Hz"):
+        config.check(rate=50.0)
+
+
+def test_foreign_configuration_is_refused():
+    with pytest.raises(DexFlexError, match=r"missing .*embodiment.*unknown .*n_layers"):
+        ControllerConfig.from_dict({"n_layers": 3})
+
+
+@pytest.mark.parametrize("text", ["{", json.dumps([1])])
+def test_damaged_configuration_is_refused(tmp_path, text):
+    (tmp_path / "config.json").write_text(text)
+    with pytest.raises(DexFlexError, match=r"config\.json"):
+        ControllerConfig.load(tmp_path / "config.json")
+
+
+def test_widths_add_up():
+    config = ControllerConfig()
+    assert config.latent_width == config.body_width + config.contact_width + 4 * config.finger_width
+    assert config.feature_width == config.latent_width + config.slow_width
+    assert config.chunk_width == 96
