@@ -38,9 +38,9 @@ class Corruption:
     """
 
     family: str = "clean"
-    """`clean`; `noise`: uniform within +-strength [m], new in every step; `scale`: times strength; `delay`: by
-    strength steps; `removal`: the most loaded finger leaves the object by strength [m] per step for 8 steps,
-    about every 25 steps; `bias`: a constant uniform offset within +-strength [m]."""
+    """`clean`; `noise`: uniform in +-strength [m], new in every step; `scale`: times strength; `delay`: by
+    strength steps; `removal`: the most loaded finger leaves the object by strength [m] per step for 8
+    steps, about every 25 steps; `bias`: a constant uniform offset within +-strength [m]."""
     strength: float = 0.0
 
     def __post_init__(self) -> None:

@@ -68,7 +68,9 @@ class Chain:
     def from_json(cls, values: dict[str, Any]) -> Self:
         """Inverse of `to_json`."""
         episode = dict(values["episode"])
-        spec = {k: tuple(v) if isinstance(v, list) else v for k, v in episode.pop("object_spec").items()}
+        spec: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in episode.pop("object_spec").items()
+        }
         episode = {k: tuple(v) for k, v in episode.items()}
         goals = tuple(
             Goal(tuple(g["position"]), tuple(g["quaternion"]), g["gait"], g["steps"]) for g in values["goals"]
@@ -104,7 +106,7 @@ class HeldObject:
             self.operator.try_gait()
 
     def execute(self, displacement: Array) -> HandState:
-        """Displace the commanded fingertips [m] (4, 3), run one control step and return the state after it."""
+        """Displace the commanded fingertips [m] (4, 3), run one control step, return the state after it."""
         self.command = self.command + displacement
         self.joints = kernels.solve_fingertips(self.command, self.joints)
         self.env.advance(self.joints)
@@ -185,7 +187,7 @@ def _draw(held: HeldObject, rng: np.random.Generator, index: int) -> Goal:
 
 
 def _verified(held: HeldObject, goal: Goal, index: int) -> int:
-    """Return the steps to the goal, or 0 if the clean or a noisy attempt fails; ends where the clean one did."""
+    """Return the steps to the goal, or 0 if an attempt fails; ends where the clean attempt did."""
     start = held.snapshot()
     steps = _attempt(held, goal, index, 0.0, _VERIFY_STEPS)
     if not steps:

@@ -55,7 +55,7 @@ def fingertips(joints: Array) -> Array:
 
 @numba.njit(cache=True)
 def solve_fingertips(targets: Array, previous: Array) -> Array:
-    """Return joints [rad] (16,) that reach targets [m] (4, 3): `hand.kinematics.solve_fingertips`, one row."""
+    """Return joints [rad] (16,) for tips [m] (4, 3): `hand.kinematics.solve_fingertips`, one row."""
     joints = previous.copy()
     for _ in range(3):
         origins, axes, tips = _frames(joints)
@@ -116,4 +116,4 @@ def balance_forces(
     forces = np.zeros((n, 3))
     for j in range(4 * n):
         forces[j // 4] += weights[j] * system[:3, j]
-    return forces, np.sqrt(missed @ missed)
+    return forces, float(np.sqrt(missed @ missed))

@@ -25,7 +25,7 @@ LOADED = 0.05
 LIFT_STEPS, LIFT_HEIGHT = 8, 0.018
 """A gaiting finger lifts off so far [m] in so many control steps."""
 SWING_SPEED, SWING_STEPS, APPROACH = 0.006, 30, 0.012
-"""Speed of a swing to above the new place [m] per step, its longest duration, and how high above it ends [m]."""
+"""Speed of a swing to above the new place [m] per step, its longest duration, and its end above it [m]."""
 PLACE_SPEED, PRESS, PLACE_STEPS = 0.003, 0.004, 14
 """Speed of the placing [m] per step, how deep it may push [m] and how long it may take."""
 LEAD = (0.010, 0.25)
@@ -68,7 +68,7 @@ class FingerStates:
     next_anchor: Array = field(default_factory=lambda: np.zeros((4, 3)))
     next_inward: Array = field(default_factory=lambda: np.zeros((4, 3)))
     push: Array = field(default_factory=lambda: np.zeros(4))
-    """How far anchors are pushed inward, to servo the force and to find a lost contact again [m]. Shape (4,)."""
+    """How far anchors are pushed inward, to servo the force and to find lost contact [m]. Shape (4,)."""
     free: Array = field(default_factory=lambda: np.zeros((4, 3)))
     """Where swinging tips have got to, in the object's frame [m]. Shape (4, 3)."""
     forces: Array = field(default_factory=lambda: np.zeros((4, 3)))
@@ -120,7 +120,7 @@ class ObjectController:
         self.fingers, self.goal = copy.deepcopy(snapshot[0]), snapshot[1]
 
     def regrasp(self, finger: int, anchor: Array, inward: Array) -> None:
-        """Send a finger to a new anchor [m] (3,) with contact normal `inward` (3,), both in the object's frame."""
+        """Send a finger to a new anchor [m] (3,) with contact normal `inward` (3,), in the object's frame."""
         fingers, now = self.fingers, self.senses.read()
         lifted = now.loads[finger] <= LOADED
         fingers.mode[finger] = Mode.SWING if lifted else Mode.LIFT
@@ -174,7 +174,7 @@ class ObjectController:
         return 0.25 if self.gaiting or lost.any() or loaded.sum() < 3 else 1.0
 
     def _advance_reference(self, now: HandState) -> tuple[Array, Array]:
-        """Walk the reference to the goal; return its offset [m] and turn [rad] from the object's true pose."""
+        """Walk the reference to the goal; return its offset [m] and turn [rad] from the true pose."""
         fingers, (goal, goal_quaternion) = self.fingers, self.goal
         position, quaternion = fingers.reference or (now.position, now.quaternion)
         pace = self._pace(now)

@@ -6,6 +6,7 @@ of its object controller's own target, plus a slow correction of the lag (design
     u*_t = (x*_t - x*_{t-1}) + 0.2 (x*_{t-1} - c_t)
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,7 +35,7 @@ class OperatorState(NamedTuple):
     controller: Any
     target: Array | None
     cool_down: int
-    rng: dict[str, Any]
+    rng: Mapping[str, Any]
 
 
 class Operator:

@@ -87,7 +87,7 @@ def _balance(
     fingers: NDArray[np.int64],
     extra: tuple[Array, Array] | None = None,
 ) -> tuple[Array, float]:
-    """Return the forces [N] with which fingers (and one more contact) carry the object, and what they miss."""
+    """Return forces [N] with which fingers (and one more contact) carry the object, and what they miss."""
     points, inward = now.points[fingers], controller.fingers.inward[fingers] @ now.rotation.T
     if extra is not None:
         points, inward = np.vstack([points, extra[0]]), np.vstack([inward, extra[1]])
