@@ -189,7 +189,7 @@ class _Run:
         norm = nn.utils.clip_grad_norm_(self.stage.network.parameters(), config.clip)
         if not torch.isfinite(norm):
             raise DexFlexError(
-                f"Training of {self.stage.name} diverged at step {self.step} (loss {float(loss.detach()):.3g}). "
+                f"{self.stage.name} diverged at step {self.step}: its loss was {float(loss.detach()):.3g}. "
                 "Look for NaN in the corpus, or lower `lr`; the last resumable state is kept."
             )
         self.optimizer.step()
