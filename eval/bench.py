@@ -1,4 +1,4 @@
-"""Measure what a control step costs while the hammer is in the hand: cameras, touch, physics, kinematics.
+"""Measure what a control step costs while the hammer is in the hand, and what a learned decision costs.
 
 python eval/bench.py
 """
@@ -34,6 +34,8 @@ HELD_AFTER = 66
 SWAY = 0.05
 """Amplitude of the wrist motion while measuring [rad]."""
 WINDOW, WINDOWS = 20, 10
+SUCCESS = Path("eval/results/dexflex_grid.json")
+"""Success by `"<candidates>x<evaluations>"`, shown beside the latency if the file exists."""
 
 
 class HeldHammer(gymnasium.Wrapper):
@@ -129,13 +131,51 @@ def policy_costs(checkpoint: Path) -> dict[str, float]:
     return {"policy `raw`, per control step": best(lambda: controller.act(stacked, task), 24, 5)}
 
 
+def decisions(controller: str, steps: int) -> dict[str, Any]:
+    """Print and return how long learned interfaces take for one hand, and DexFlex by its settings."""
+    from lerobot_dexflex.evaluation import latency
+
+    networks = latency.load_networks(controller or None)
+    found = latency.measure(latency.interfaces_at_defaults(networks), steps)
+    cells = latency.grid(networks, steps // 4)
+    weights = "trained" if networks.trained else "random"
+    print(f"decisions, one hand, one core, {weights} weights [ms]")
+    print(f"  {'':38}{'p50':>8}{'p95':>8}{'p99':>8}")
+    for name, times in found.items():
+        print(f"  {name:38}" + "".join(f"{1e3 * value:8.2f}" for value in times))
+    successes = json.loads(SUCCESS.read_text()) if SUCCESS.is_file() else {}
+    heading = f"  {'candidates':>12}{'evaluations':>13}{'p50':>8}{'p95':>8}"
+    print(heading + (f"{'success':>10}" if successes else ""))
+    for (candidates, evaluations), times in cells.items():
+        rate = successes.get(f"{candidates}x{evaluations}")
+        known = "" if rate is None else f"{rate:10.2f}"
+        print(f"  {candidates:12}{evaluations:13}{1e3 * times.p50:8.2f}{1e3 * times.p95:8.2f}{known}")
+    print()
+    return {
+        "weights": weights,
+        "interfaces": {name: times._asdict() for name, times in found.items()},
+        "grid": {f"{c}x{e}": times._asdict() for (c, e), times in cells.items()},
+    }
+
+
 def main() -> None:
-    """Print the table; the fastest windows are shown, because other work on the machine only slows down."""
+    """Print the table; the fastest windows are shown, because other work on the machine only slows down.
+
+    Decisions are shown with their percentiles instead: what matters in a control loop is its slow steps.
+    """
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--workers", type=int, default=2, help="worker processes; default 2")
+    options.add_argument("--controller", default="", help="folder or hub id; default: the shipped one")
+    options.add_argument("--steps", type=int, default=400, help="timed decisions per interface; default 400")
+    options.add_argument("--decisions-only", action="store_true", help="time learned interfaces and no more")
     options.add_argument("--json", type=Path, help="also write the numbers to this file")
     arguments = options.parse_args()
     torch.set_num_threads(1)
+    decided = decisions(arguments.controller, arguments.steps)
+    if arguments.decisions_only:
+        if arguments.json:
+            arguments.json.write_text(json.dumps({"decisions": decided}, indent=2))
+        return
     parts = part_costs()
     rates = environment_rates(arguments.workers)
     rates["bare mj_step of the same model, one core"] = 1 / (SUBSTEPS * parts["bare mj_step"])
@@ -148,7 +188,8 @@ def main() -> None:
     for name, seconds in parts.items():
         print(f"  {name:38}{1e3 * seconds:10.3f} ms")
     if arguments.json:
-        arguments.json.write_text(json.dumps({"control_steps_per_second": rates, "seconds": parts}, indent=2))
+        found = {"control_steps_per_second": rates, "seconds": parts, "decisions": decided}
+        arguments.json.write_text(json.dumps(found, indent=2))
 
 
 if __name__ == "__main__":

@@ -65,12 +65,16 @@ class DexGenInterface(LearnedInterface):
         width = self.controller.config.chunk_width
         self._noise = torch.randn(1, 1, width, generator=torch.Generator().manual_seed(seed))
 
+    def _move(self, device: torch.device) -> None:
+        super()._move(device)
+        self.prior.to(device)
+
     @torch.no_grad()
     def step(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Tensor:
         """Return the joint targets of the guided sample's first displacement; see `Interface.step`."""
         sensed = self._sense(observation, draft)
         history = sensed.history if self._use_touch else sensed.history.without_touch()
-        prior, scale = self.prior.to(sensed.joints.device), self.controller.scale
+        prior, scale = self.prior, self.controller.scale
         context = prior.context(self.controller.encode(history))
         wanted = scale.normalize(sensed.draft.draft.float())
         noise = self._noise.to(wanted).expand(len(wanted), -1, -1)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import torch
 from torch import Tensor
 
 from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer
@@ -69,12 +70,17 @@ class LearnedInterface(CommandedInterface):
         if mask is None:
             self._explanation = None
 
+    def _move(self, device: torch.device) -> None:
+        """Bring the networks to a device."""
+        self.controller.to(device)
+
     def _sense(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Sensed:
         """Take in this step's observation and draft, after refusing what is wrong with them."""
         joints, tips = self._hand.start(observation)
         checked = checked_draft(draft, len(joints))
         checked_taxels(observation, len(joints))
-        self.controller.to(joints.device)
+        if self.controller.scale.scale.device != joints.device:  # Asking each weight costs a millisecond.
+            self._move(joints.device)
         touch = self._touch.look(observation, len(joints))
         history = self._past.observe({**observation, TACTILE: touch.tactile})
         history = history._replace(tactile_missing=touch.missing)

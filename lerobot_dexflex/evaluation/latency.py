@@ -1,0 +1,114 @@
+"""How long one hand waits for a decision of a learned interface."""
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lerobot_dexflex.controller import DexFlexController, SelectionSettings
+from lerobot_dexflex.controller.diffusion_prior import WEIGHTS, DiffusionPrior
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips
+from lerobot_dexflex.interfaces import DRAFT_HORIZON, Interface
+from lerobot_dexflex.interfaces.controller_folder import find_controller
+from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
+from lerobot_dexflex.interfaces.dexgen import DexGenInterface
+from lerobot_dexflex.interfaces.raw import RawInterface
+
+CANDIDATES, EVALUATIONS = (4, 16, 64, 256), (1, 2, 4, 8)
+_WARM_UP = 10
+
+
+class Latency(NamedTuple):
+    """Percentiles of the time of one control step [s]."""
+
+    p50: float
+    p95: float
+    p99: float
+
+
+class Networks(NamedTuple):
+    """What learned interfaces run on."""
+
+    controller: DexFlexController
+    prior: DiffusionPrior
+    trained: bool
+    """False if the weights are random; the time of a decision does not depend on them."""
+
+
+def load_networks(where: str | Path | None = None) -> Networks:
+    """Return the networks of a controller, by default the shipped one, or random ones without it."""
+    try:
+        folder = find_controller(where)
+    except DexFlexError:
+        if where:
+            raise
+        controller = DexFlexController().eval().requires_grad_(False)
+        return Networks(controller, DiffusionPrior(controller.config).eval(), False)
+    controller = DexFlexController.from_pretrained(folder)
+    has_prior = (folder / WEIGHTS).is_file()
+    prior = DiffusionPrior.load(folder, controller.config) if has_prior else DiffusionPrior(controller.config)
+    return Networks(controller, prior, True)
+
+
+def interfaces_at_defaults(networks: Networks) -> dict[str, Interface]:
+    """Return the interfaces whose latency is compared, as they run by default."""
+    count = SelectionSettings().n_candidates
+    return {
+        "raw": RawInterface(),
+        "dexgen": DexGenInterface(networks.controller, networks.prior),
+        f"dexflex, {count} candidates": DexFlexInterface(networks.controller),
+    }
+
+
+def measure(interfaces: Mapping[str, Interface], steps: int) -> dict[str, Latency]:
+    """Time single control steps of one hand; the interfaces take turns, so that all see the same machine.
+
+    Args:
+        interfaces: By name; they read drafts of fingertip displacements.
+        steps: Steps that are timed, after a few that are not.
+    """
+    observation, draft = _inputs()
+    taxels = torch.rand(64, 1, 240, generator=torch.Generator().manual_seed(0))
+    times: dict[str, list[float]] = {name: [] for name in interfaces}
+    for k in range(steps + _WARM_UP):
+        seen = {**observation, "observation.tactile": 0.1 * taxels[k % 64]}
+        for name, interface in interfaces.items():
+            begin = time.perf_counter()
+            interface.step(seen, draft)
+            times[name].append(time.perf_counter() - begin)
+    return {name: Latency(*np.percentile(t[_WARM_UP:], (50, 95, 99)).tolist()) for name, t in times.items()}
+
+
+def grid(
+    networks: Networks,
+    steps: int,
+    candidates: Sequence[int] = CANDIDATES,
+    evaluations: Sequence[int] = EVALUATIONS,
+) -> dict[tuple[int, int], Latency]:
+    """Return the latency of DexFlex by number of candidates and of function evaluations from noise.
+
+    Half of the candidates are pure, the others draft-seeded, one of them the draft itself.
+    """
+    made = {}
+    for count in candidates:
+        for nfe in evaluations:
+            settings = SelectionSettings(n_pure=count // 2, n_seeded=count - count // 2 - 1, nfe=nfe)
+            made[f"{count} {nfe}"] = DexFlexInterface(networks.controller, settings)
+    measured = measure(made, steps)
+    return {(count, nfe): measured[f"{count} {nfe}"] for count in candidates for nfe in evaluations}
+
+
+def _inputs() -> tuple[dict[str, Tensor], Tensor]:
+    joints = ((JOINT_LOWER + JOINT_UPPER) / 2)[None].float()
+    observation = {
+        "observation.state": joints,
+        "observation.fingertips": fingertips(joints).flatten(1),
+        "observation.gravity": torch.tensor([[0.0, 0.0, -1.0]]),
+    }
+    generator = torch.Generator().manual_seed(0)
+    return observation, 0.001 * torch.randn(1, DRAFT_HORIZON, 4, 3, generator=generator)
