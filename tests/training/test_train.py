@@ -1,5 +1,7 @@
 import json
+from pathlib import Path
 
+import draccus
 import pytest
 
 from lerobot_dexflex.controller import DexFlexController
@@ -7,6 +9,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.training.cli import main
 from lerobot_dexflex.training.train import STAGES, TrainConfig
 
+CONFIGS = Path(__file__).parents[2] / "configs/controller"
 SMALL = [
     "--bank.rows=48",
     "--bank.held_out_rows=24",
@@ -69,6 +72,11 @@ def test_config_files_are_read_by_either_name(corpus, tmp_path):
         output = tmp_path / str(number)
         assert main([*option, f"--corpus={corpus}", f"--output={output}", "--stages=[encoder_prior]"]) == 0
         assert json.loads((output / "controller/training.json").read_text())["seed"] == 3
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_configs_are_valid(path):
+    assert draccus.parse(TrainConfig, path, args=[]).stages == list(STAGES)
 
 
 def test_errors_are_one_line(tmp_path, capsys):
