@@ -3,7 +3,7 @@
 import json
 from collections.abc import Hashable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,30 @@ class Motion(NamedTuple):
         """Return ||executed - draft|| / (||draft|| + 1 um) of one episode's step."""
         difference = np.linalg.norm(self.executed - self.draft)
         return float(difference / (np.linalg.norm(self.draft) + _EPSILON))
+
+
+class Ended(Protocol):
+    """What a film or recording tells of an episode that has ended."""
+
+    @property
+    def interface(self) -> str:
+        """Who acted."""
+        ...
+
+    @property
+    def episode(self) -> int:
+        """Number of the episode."""
+        ...
+
+    @property
+    def steps(self) -> int:
+        """Control steps run."""
+        ...
+
+    @property
+    def ending(self) -> str:
+        """How it ended: `success`, `dropped` or `time out`."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,8 @@ class ObservedInterface:
 
     def __init__(self, inner: Interface) -> None:
         self._inner = inner
-        self.name, self.command_space = inner.name, inner.command_space
+        self.name: str = inner.name
+        self.command_space: CommandSpace = inner.command_space
         self.motion: Motion | None = None
 
     @property

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import bootstrap
+from scipy.stats import bootstrap, wilcoxon
 from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
@@ -39,6 +39,14 @@ class PairedTest(NamedTuple):
     only_first: int
     """Episodes that only the first of the two solved."""
     only_second: int
+    p_value: float
+
+
+class RankTest(NamedTuple):
+    """Two-sided Wilcoxon signed-rank test on paired numbers."""
+
+    gain: Mean
+    """Mean of second - first."""
     p_value: float
 
 
@@ -91,6 +99,25 @@ def paired_test(first: Sequence[bool], second: Sequence[bool]) -> PairedTest:
     table = [[int((a & b).sum()), only_a], [only_b, int((~a & ~b).sum())]]
     result: Any = mcnemar(table, exact=True)
     return PairedTest(only_a, only_b, float(result.pvalue))
+
+
+def rank_test(first: Sequence[float], second: Sequence[float]) -> RankTest:
+    """Compare a number of two methods on the same episodes, in the same order; ties count for neither.
+
+    Raises:
+        DexFlexError: If the two sequences differ in length or are empty.
+    """
+    if len(first) != len(second) or len(first) == 0:
+        raise DexFlexError(
+            f"Paired numbers must have equal length, at least 1. Got {len(first)} and {len(second)}."
+        )
+    gains = np.subtract(second, first)
+    mean = mean_interval(gains.tolist())
+    assert mean is not None
+    if not gains.any():
+        return RankTest(mean, 1.0)
+    result: Any = wilcoxon(gains, zero_method="wilcox")
+    return RankTest(mean, float(result.pvalue))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

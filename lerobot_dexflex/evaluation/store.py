@@ -96,6 +96,10 @@ class Store[Result: Storable]:
         settings["sessions"].append(session)
         write_json(self._settings, settings)
 
+    def identity(self) -> dict[str, Any]:
+        """Return the settings on which every episode depends."""
+        return json.loads(self._settings.read_text())["identity"]
+
     def sessions(self) -> list[dict[str, Any]]:
         """Return the runs that worked in this folder."""
         return json.loads(self._settings.read_text())["sessions"]

@@ -48,6 +48,7 @@ class ChainBook:
         missing = count - sum(chain is not None for chain in self._in_order(known))
         if missing <= 0:
             return
+        _end_last_line(self.path)
         job = functools.partial(_build_line, self.path, self.verified, build or build_in_simulator)
         waiting = self.first_seed
 
@@ -113,6 +114,13 @@ def build_in_simulator(seed: int, verified: bool) -> Chain | None:
 @functools.cache
 def _environment() -> ReachEnv:
     return ReachEnv(cameras=())
+
+
+def _end_last_line(path: Path) -> None:
+    """Let what a kill tore off stand in a line of its own, that the next one is not lost with it."""
+    if path.exists() and not path.read_bytes().endswith(b"\n"):
+        with path.open("ab") as file:
+            file.write(b"\n")
 
 
 def _build_line(path: Path, verified: bool, build: Build, seed: int) -> tuple[int, Chain | None]:

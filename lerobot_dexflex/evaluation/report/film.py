@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from lerobot_dexflex.evaluation.outcome import Motion, Outcome
+from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.hand.touch_image import FULL_SCALE, touch_strip
 
 STRIDE = 2
@@ -44,7 +44,7 @@ class Film:
         self._seconds = self._step / env.metadata["render_fps"]
         self._step += 1
 
-    def close(self, outcome: Outcome) -> None:
+    def close(self, outcome: Ended) -> None:
         """Write the film with the outcome in its title."""
         title = f"{outcome.interface} · episode {outcome.episode} · {outcome.ending} ({self._seconds:.1f} s)"
         band = _title(title, self._frames[0].shape[1], _COLOURS[outcome.ending])

@@ -1,19 +1,16 @@
 """The figures of the report, as PNG, transparent and in colours that read on light and dark pages."""
 
-import io
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from scipy.stats import bootstrap
 
 from lerobot_dexflex.evaluation.outcome import Outcome
+from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_figure, png
 
-_INK = "#808792"
-_PALETTE = ("#4c8df6", "#e8973f", "#3bb273", "#c56be0", "#e0566b")
 _ENDINGS = {"success": "#3bb273", "dropped": "#e0566b", "time out": "#d9a93a"}
 _CURVE_POINTS = 60
 
@@ -22,23 +19,23 @@ Outcomes = dict[str, list[Outcome]]
 
 def success(result: dict[str, Any]) -> bytes:
     """Draw success rates with Wilson intervals."""
-    figure, axes = _figure(3.6, 2.5)
+    figure, axes = new_figure(3.6, 2.5)
     for k, numbers in enumerate(result["per_interface"].values()):
         rate, (low, high) = numbers["pc_success"], numbers["pc_success_ci95"]
         # A rate of 0 or 100 % lies on the interval's edge up to rounding.
         error = np.clip([[rate - low], [high - rate]], 0, None)
-        axes.errorbar(rate, k, xerr=error, fmt="o", color=_colour(k), capsize=4, lw=2)
-        axes.text(rate, k - 0.28, f"{rate:.0f} %", color=_INK, ha="center", va="center", fontsize=8)
+        axes.errorbar(rate, k, xerr=error, fmt="o", color=colour(k), capsize=4, lw=2)
+        axes.text(rate, k - 0.28, f"{rate:.0f} %", color=INK, ha="center", va="center", fontsize=8)
     axes.set(
         xlim=(-8, 108), ylim=(len(result["per_interface"]) - 0.5, -0.6), xlabel="success [%], Wilson 95 %"
     )
     axes.set_yticks(range(len(result["per_interface"])), list(result["per_interface"]))
-    return _png(figure)
+    return png(figure)
 
 
 def paired(outcomes: Outcomes) -> bytes:
     """Draw every episode under every interface; a column is one initial state."""
-    figure, axes = _figure(7.0, 0.32 * len(outcomes) + 0.75)
+    figure, axes = new_figure(7.0, 0.32 * len(outcomes) + 0.75)
     order = list(_ENDINGS)
     grid = np.array([[order.index(o.ending) for o in episodes] for episodes in outcomes.values()])
     colours = ListedColormap(list(_ENDINGS.values()))
@@ -47,66 +44,39 @@ def paired(outcomes: Outcomes) -> bytes:
     axes.invert_yaxis()
     axes.set_xlabel("episode (same initial state in a column)")
     handles = [Figure().add_subplot().plot([], [], "s", color=c, label=n)[0] for n, c in _ENDINGS.items()]
-    axes.legend(handles=handles, ncols=3, loc="lower left", bbox_to_anchor=(0, 1), **_LEGEND)
-    return _png(figure)
+    axes.legend(handles=handles, ncols=3, loc="lower left", bbox_to_anchor=(0, 1), **LEGEND)
+    return png(figure)
 
 
 def progress(outcomes: Outcomes, period: float) -> bytes:
     """Draw mean progress over time with pointwise bootstrap 95 % bands."""
-    figure, axes = _figure(3.6, 2.5)
+    figure, axes = new_figure(3.6, 2.5)
     horizon = max(o.steps for episodes in outcomes.values() for o in episodes)
     steps = np.unique(np.linspace(0, horizon, _CURVE_POINTS).round().astype(int))
     for k, (name, episodes) in enumerate(outcomes.items()):
         curves = np.stack([o.progress_at(steps) for o in episodes])  # (episodes, points)
-        axes.plot(steps * period, curves.mean(0), color=_colour(k), label=name, lw=2)
+        axes.plot(steps * period, curves.mean(0), color=colour(k), label=name, lw=2)
         if len(curves) > 1:
             interval = bootstrap(
                 (curves,), np.mean, axis=0, n_resamples=999, method="percentile", rng=np.random.default_rng(0)
             ).confidence_interval
-            axes.fill_between(steps * period, interval.low, interval.high, color=_colour(k), alpha=0.18, lw=0)
+            axes.fill_between(steps * period, interval.low, interval.high, color=colour(k), alpha=0.18, lw=0)
     axes.set(xlabel="time [s]", ylabel="progress", ylim=(-0.03, 1.03))
-    axes.legend(**_LEGEND)
-    return _png(figure)
+    axes.legend(**LEGEND)
+    return png(figure)
 
 
 def completion(outcomes: Outcomes, period: float) -> bytes:
     """Draw the share of episodes solved within a time."""
-    figure, axes = _figure(3.6, 2.5)
+    figure, axes = new_figure(3.6, 2.5)
     end = period * max(o.steps for episodes in outcomes.values() for o in episodes)
     for k, (name, episodes) in enumerate(outcomes.items()):
         times = sorted(o.completion_time for o in episodes if o.completion_time is not None)
         share = 100 * np.arange(len(times) + 1) / len(episodes)
-        axes.step([0, *times, end], [*share, share[-1]], where="post", color=_colour(k), label=name, lw=2)
+        axes.step([0, *times, end], [*share, share[-1]], where="post", color=colour(k), label=name, lw=2)
     axes.set(xlabel="time [s]", ylabel="solved within [%]", ylim=(-3, 103))
-    axes.legend(**_LEGEND)
-    return _png(figure)
-
-
-_LEGEND: dict[str, Any] = {"frameon": False, "labelcolor": _INK, "fontsize": 8}
-
-
-def _figure(width: float, height: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    figure.patch.set_alpha(0)
-    axes = figure.add_subplot()
-    axes.patch.set_alpha(0)
-    axes.tick_params(colors=_INK, labelsize=8)
-    for side, spine in axes.spines.items():
-        spine.set_color(_INK)
-        spine.set_visible(side in ("left", "bottom"))
-    axes.xaxis.label.set(color=_INK, fontsize=9)
-    axes.yaxis.label.set(color=_INK, fontsize=9)
-    return figure, axes
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=150, transparent=True, metadata={"Software": None})
-    return buffer.getvalue()
-
-
-def _colour(k: int) -> str:
-    return _PALETTE[k % len(_PALETTE)]
+    axes.legend(**LEGEND)
+    return png(figure)
 
 
 def period_of(episodes: Sequence[Outcome]) -> float:

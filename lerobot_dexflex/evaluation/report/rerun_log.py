@@ -1,12 +1,13 @@
 """Log an episode as a rerun recording: images, taxels, drafts against executed fingertips, success."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from lerobot_dexflex.evaluation.outcome import Motion, Outcome
+from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.hand.leap import FINGERS
 from lerobot_dexflex.hand.touch import touch_strip
 
@@ -50,7 +51,12 @@ class RerunLog:
             self._log_motion(motion)
         self._step += 1
 
-    def close(self, outcome: Outcome) -> None:
+    def scalars(self, values: Mapping[str, float]) -> None:
+        """Log numbers of the step that was watched last, by entity path."""
+        for entity, value in values.items():
+            self._log(entity, self._rr.Scalars(value))
+
+    def close(self, outcome: Ended) -> None:
         """Add the outcome and finish the file."""
         self._log("outcome", self._rr.TextLog(f"{outcome.ending} after {outcome.steps} steps"))
         self._stream.flush()

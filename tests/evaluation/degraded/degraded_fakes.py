@@ -26,3 +26,9 @@ def episode(steps=4, *, label=0.0, draft=None, executed=None, dropped=False, pro
     found.in_event = np.isin(np.arange(steps), event)
     found.goal_error = np.zeros((steps, 2))
     return found
+
+
+def build_even(seed, verified):
+    """Only even seeds have chains."""
+    assert verified
+    return chain(seed) if seed % 2 == 0 else None

@@ -90,7 +90,7 @@ def test_a_record_survives_its_line_of_json():
 
 
 def test_a_torn_or_foreign_line_is_no_record():
-    with pytest.raises(ValueError, match="Unterminated|delimiter|Expecting"):
+    with pytest.raises(ValueError, match=r"Unterminated|delimiter|Expecting"):
         Record.parse(record().line()[:-20])
     with pytest.raises(ValueError, match="Not a record"):
         Record.parse('{"group": [0, 1]}')
