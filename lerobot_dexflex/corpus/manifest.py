@@ -11,6 +11,8 @@ from lerobot_dexflex.corpus.shard import read_header
 from lerobot_dexflex.errors import DexFlexError
 
 RECIPE = "recipe.yaml"
+_CARD = "README.md"
+"""May wait in the folder for the data that it describes."""
 
 
 def stage_folder(config: CorpusConfig) -> Path:
@@ -40,7 +42,7 @@ def open_folder(config: CorpusConfig, origin: dict[str, Any]) -> None:
         for leftover in folder.glob("*/*.tmp"):
             leftover.unlink()
         return
-    if folder.exists() and any(folder.iterdir()):
+    if folder.exists() and {path.name for path in folder.iterdir()} - {_CARD}:
         raise DexFlexError(
             f"{folder} exists and has no {RECIPE}, so it is no corpus. Choose another --output, or move it "
             "away; nothing was changed."

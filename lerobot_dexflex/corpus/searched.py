@@ -26,15 +26,17 @@ Array = NDArray[np.float64]
 
 _PIECE, _GAIT_PIECE = 12, 30
 """Control steps of a piece, and of one that begins with a regrasp."""
-_BUDGET = 24
+_BUDGET = 10
 """Pieces to try per goal."""
 _EPISODE_STEPS = (80, 200)
-_GIVE_UP = 3
+_GIVE_UP = 2
 """The episode ends after so many unsolved goals in a row."""
 _MAX_LOST, _MAX_SETBACK = 3, 1.5
 """A piece fails after so many steps with a lost object, or if the error grew by this, in tolerances."""
 _CONTEXT = 8
 """Rows before a failed piece that are kept with it, for its history."""
+_MAX_BRANCHES = 4
+"""Failed pieces that are kept of an episode; hard objects would fill the corpus with theirs."""
 _GAIT_FIRST = 0.2
 _SLOW, _FIRM = 0.5, 1.4
 
@@ -95,6 +97,7 @@ class Search:
         self._goal = run.now.position, run.now.quaternion
         self._steady = 0
         self.attempted = self.solved = self.simulated = 0
+        self._branches = 0
 
     def reach_a_goal(self) -> Generator[Shard, None, bool]:
         """Search for the way to a new goal and yield failures on the way; return whether it was reached.
@@ -118,7 +121,8 @@ class Search:
                     self.solved += 1
                     return True
                 nodes.append(self._node())
-            elif self.run.lost_steps >= _MAX_LOST:
+            elif self.run.lost_steps >= _MAX_LOST and self._branches < _MAX_BRANCHES:
+                self._branches += 1
                 yield self.run.failure(max(0, node.mark.rows - _CONTEXT))
         self._return_to(root)
         return False
