@@ -77,14 +77,20 @@ def test_distribution_is_named_so_that_lerobot_finds_it():
 
 def test_every_config_and_recipe_is_parsed_by_its_dataclass():
     code = (
-        "import draccus, sys; from pathlib import Path\n"
+        "import draccus, yaml; from pathlib import Path\n"
         "from lerobot.utils.import_utils import register_third_party_plugins as register; register()\n"
         "from lerobot.configs.train import TrainPipelineConfig\n"
+        "from lerobot_dexflex.corpus.config import CorpusConfig\n"
         "from lerobot_dexflex.recording.config import RecordConfig\n"
-        "kinds = {'configs/policy/*.yaml': TrainPipelineConfig, 'datasets/*/recipe.yaml': RecordConfig}\n"
-        "for pattern, kind in kinds.items():\n"
-        "    for path in Path().glob(pattern):\n"
-        "        draccus.parse(kind, path, args=[]); print(path)"
+        "from lerobot_dexflex.training.train import TrainConfig\n"
+        "kinds = {'policy': TrainPipelineConfig, 'controller': TrainConfig, 'corpus': CorpusConfig}\n"
+        "for folder, kind in kinds.items():\n"
+        "    for path in Path('configs', folder).glob('*.yaml'):\n"
+        "        draccus.parse(kind, path, args=[]); print(path)\n"
+        "for path in Path('datasets').rglob('recipe.yaml'):\n"
+        "    recipe = yaml.safe_load(path.read_text())\n"
+        "    kind = CorpusConfig if 'recipe' in recipe else RecordConfig\n"
+        "    draccus.decode(kind, recipe.get('recipe', recipe)); print(path)"
     )
     parsed = set(run_python("-c", code).splitlines())
     every = {*ROOT.glob("configs/**/*.yaml"), *ROOT.glob("datasets/**/*.yaml")}

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from lerobot_dexflex.training.train import STAGES
+
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 BIN = Path(sys.executable).parent
@@ -23,6 +25,12 @@ SHORTER = {
     "dexflex-record": "--episodes=1 --workers=0",
     "compare_interfaces.py": "--interfaces raw --episodes 1 --videos 1 --workers 0",
     "replay_dataset.py": "--workers 0",
+    "dexflex-corpus": "--jobs.train=1 --jobs.tune=1 --jobs.test=0 --objects_per_job=1 --steps_per_object=120 "
+    "--replays.per_shard=16 --workers=0",
+    "dexflex-train": "--bank.rows=16 --bank.held_out_rows=8 --bank.n_pure=2 --bank.n_seeded=2 "
+    + " ".join(f"--{stage}.held_out_rows=8" for stage in ("encoder_prior", "world_model", "dexgen"))
+    + "".join(f" --{stage}.fit.steps=2 --{stage}.fit.batch_size=8" for stage in STAGES),
+    "degraded_commands.py": "--methods raw --cells clean_unverified --episodes 1 --workers 0 --no-films",
     "make": "--dry-run",
 }
 """What the test adds to a command, so that it stays the reader's command but takes seconds."""

@@ -11,7 +11,8 @@ from lerobot_dexflex.recording.attempt import run_attempt
 from lerobot_dexflex.recording.config import identity
 
 ROOT = Path(__file__).parents[1]
-RECIPES = sorted((ROOT / "datasets").glob("*/recipe.yaml"))
+RECIPES = sorted(path.parents[1] / "recipe.yaml" for path in (ROOT / "datasets").glob("*/meta/info.json"))
+"""Of the LeRobot datasets; corpora have tests of their own."""
 APPROACH = 20
 """Steps before the first contact: what later chaos amplifies is not compared across machines."""
 
