@@ -9,7 +9,7 @@ from torch.nn import functional
 from lerobot_dexflex.controller.config import FINGERS
 from lerobot_dexflex.controller.settings import SelectionSettings
 
-DRAFT, PURE, SEEDED = 0, 1, 2
+DRAFT, PURE, SEEDED, CONTACT = 0, 1, 2, 3
 """Branches that candidates come from."""
 _CLIP = 6.0
 _RECENT = 4
@@ -21,7 +21,7 @@ class Candidates(NamedTuple):
     chunks: Tensor
     """Displacements of the commanded fingertips [m]. Shape (batch, candidates, horizon, 4, 3)."""
     branch: Tensor
-    """`DRAFT`, `PURE` or `SEEDED`. Shape (candidates,)."""
+    """`DRAFT`, `PURE`, `SEEDED` or `CONTACT`. Shape (candidates,)."""
 
 
 class ChunkScale(nn.Module):

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from lerobot_dexflex.controller import checkpoint
 from lerobot_dexflex.controller.card import controller_card
 from lerobot_dexflex.controller.chunks import (
+    CONTACT,
     DRAFT,
     PURE,
     SEEDED,
@@ -94,8 +95,9 @@ class DexFlexController(nn.Module, ModelHubMixin):
         drafts_history: Tensor,
         settings: SelectionSettings,
         noise: Tensor | None = None,
+        repaired: Tensor | None = None,
     ) -> Candidates:
-        """Draw candidate chunks: the draft itself first, then from the prior, then from noisy drafts.
+        """Draw candidate chunks: the draft first, then from the prior, from noisy drafts, its projection.
 
         Args:
             state: The encoded states.
@@ -104,6 +106,8 @@ class DexFlexController(nn.Module, ModelHubMixin):
             settings: How many and from where.
             noise: Standard normal, shape (batch or 1, n_pure + n_seeded, chunk_width); None draws it from
                 `settings.seed`, the same for all rows and steps, so that choices do not flicker.
+            repaired: The draft's contact projection, if it takes part; draft-seeded candidates then start
+                from it. Shape (batch, horizon, 4, 3) [m].
         """
         n_pure, n_seeded = settings.n_pure, settings.n_seeded
         branch = torch.tensor([DRAFT] * settings.include_draft + [PURE] * n_pure + [SEEDED] * n_seeded)
@@ -117,12 +121,16 @@ class DexFlexController(nn.Module, ModelHubMixin):
             if n_seeded:
                 levels = [settings.levels[k % len(settings.levels)] for k in range(n_seeded)]
                 level = draft.new_tensor(levels)[:, None]
-                seeds = self.scale.normalize(seed_chunks(draft, drafts_history, settings))
+                origin = draft if repaired is None else repaired
+                seeds = self.scale.normalize(seed_chunks(origin, drafts_history, settings))
                 starts = torch.cat([starts, (1 - level) * noise[:, n_pure:] + level * seeds], 1)
                 begin = begin + levels
             steps = [max(1, round(settings.nfe * (1 - t))) for t in begin]
             drawn = self.prior.sample(starts, begin, steps, self.prior.context(state))
             parts.append(self.scale.restore(drawn))
+        if repaired is not None:
+            parts.append(repaired.unsqueeze(1))
+            branch = torch.cat([branch, torch.tensor([CONTACT])])
         return Candidates(torch.cat(parts, 1), branch)
 
     def dream(self, state: State, candidates: Candidates | Tensor) -> Dream:
@@ -169,9 +177,10 @@ class DexFlexController(nn.Module, ModelHubMixin):
         drafts_history: Tensor,
         settings: SelectionSettings,
         noise: Tensor | None = None,
+        repaired: Tensor | None = None,
     ) -> Selection:
         """Propose, dream, score, choose and decode; arguments as for `propose`."""
-        candidates = self.propose(state, draft, drafts_history, settings, noise)
+        candidates = self.propose(state, draft, drafts_history, settings, noise, repaired)
         chunks = candidates.chunks
         dream = self.dream(state, candidates)
         latent = dream.latent if settings.use_dream else torch.zeros_like(dream.latent)
@@ -181,6 +190,8 @@ class DexFlexController(nn.Module, ModelHubMixin):
             score = -distance_to(chunks, draft)
             if chunks.shape[1] > 1:  # The draft itself would always win.
                 score = score.masked_fill(candidates.branch.to(draft.device) == DRAFT, -torch.inf)
+        if settings.use_score:
+            score = score + settings.contact_bias * (candidates.branch.to(draft.device) == CONTACT)
         best = score.argmax(1)
         if settings.temperature > 0:
             weights = (score / settings.temperature).softmax(1)

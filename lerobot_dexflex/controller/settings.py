@@ -1,11 +1,37 @@
 """How candidates are proposed and chosen at run time; also the switches of the ablations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 from lerobot_dexflex.errors import DexFlexError
 
 SEEDS = ("draft", "mean")
 """Named starts of the draft-seeded branch; a number is the draft scaled by it."""
+
+
+@dataclass(frozen=True)
+class ProjectionSettings:
+    """Gains and limits of the contact projection, chosen on tuning objects (log in `eval/README.md`).
+
+    Raises:
+        DexFlexError: If a value is negative or no number.
+    """
+
+    gain: float = 0.6
+    """Share of the draft that is executed."""
+    internal_gain: float = 0.5
+    """Share of what loaded fingers do against each other that passes."""
+    squeeze_gain: float = 1e-4
+    """Inward displacement per missing newton and step [m/N]."""
+    preload: float = 1.2
+    """Normal force that the squeeze servo aims at [N]."""
+    release_speed: float = 5e-4
+    """Largest displacement off the object of a recently loaded finger [m] per step."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if not value >= 0:
+                raise DexFlexError(f"`{each.name}` must be 0 or more. Got {value}.")
 
 
 @dataclass(frozen=True)
@@ -16,12 +42,17 @@ class SelectionSettings:
         DexFlexError: If a value is out of its range.
     """
 
-    n_pure: int = 32
+    n_pure: int = 7
     """Candidates drawn from the prior alone."""
-    n_seeded: int = 31
+    n_seeded: int = 7
     """Candidates drawn from the prior starting at a noisy draft."""
     include_draft: bool = True
     """Whether the exact draft is a candidate, so that doing nothing can be chosen."""
+    project: bool = True
+    """Whether the contact projection of the draft is a candidate, and what draft-seeded ones start from."""
+    projection: ProjectionSettings = field(default_factory=ProjectionSettings)
+    contact_bias: float = 6.0
+    """Added to the score of the contact projection: how much better another candidate must look."""
     levels: tuple[float, ...] = (0.5, 0.75)
     """Flow times at which draft-seeded candidates start: 0 is pure noise, 1 the draft itself."""
     seeds: tuple[str, ...] = ("draft", "mean", "0.75", "0.5")
@@ -51,7 +82,7 @@ class SelectionSettings:
         if min(self.n_pure, self.n_seeded) < 0 or self.n_candidates < 1:
             raise DexFlexError(
                 f"There must be at least one candidate. Got n_pure {self.n_pure}, n_seeded {self.n_seeded}, "
-                f"include_draft {self.include_draft}."
+                f"include_draft {self.include_draft}, project {self.project}."
             )
         if self.n_seeded and not (self.levels and self.seeds):
             raise DexFlexError("`levels` and `seeds` must not be empty while `n_seeded` is positive.")
@@ -73,7 +104,7 @@ class SelectionSettings:
     @property
     def n_candidates(self) -> int:
         """Candidates per decision."""
-        return self.n_pure + self.n_seeded + self.include_draft
+        return self.n_pure + self.n_seeded + self.include_draft + self.project
 
 
 def _is_number(text: str) -> bool:

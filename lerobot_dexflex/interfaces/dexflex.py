@@ -6,7 +6,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.controller import DexFlexController, Selection, SelectionSettings, State
+from lerobot_dexflex.controller import DexFlexController, History, Selection, SelectionSettings, State
+from lerobot_dexflex.controller.projection import project_draft
 from lerobot_dexflex.interfaces.commanded_hand import STATE
 from lerobot_dexflex.interfaces.explanation import Choice
 from lerobot_dexflex.interfaces.learned import LearnedInterface, Sensed
@@ -72,17 +73,18 @@ class DexFlexInterface(LearnedInterface):
 
     def _choose(self, sensed: Sensed) -> Plan:
         draft = sensed.draft.draft.float()
-        state = self._encode(sensed)
-        selection = self.controller.select(state, draft, sensed.drafts_history, self.settings)
+        history = sensed.history if self.settings.use_touch else sensed.history.without_touch()
+        state = self._encode(history)
+        repaired = project_draft(draft, history, self.settings.projection) if self.settings.project else None
+        selection = self.controller.select(
+            state, draft, sensed.drafts_history, self.settings, repaired=repaired
+        )
         choice = self._explain(state, draft, sensed.drafts_history, selection)
         age = torch.zeros(len(draft), dtype=torch.int64, device=draft.device)
         return Plan(selection.chunk, selection.residual, choice, age)
 
-    def _encode(self, sensed: Sensed) -> State:
+    def _encode(self, history: History) -> State:
         """Encode the past; slow tokens are renewed in the rows where they are `SLOW_PERIOD` steps old."""
-        history = sensed.history
-        if not self.settings.use_touch:
-            history = history.without_touch()
         if not self.settings.use_slow:
             history = history.without_slow()
         assert self._slow_age is not None

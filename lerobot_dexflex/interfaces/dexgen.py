@@ -13,8 +13,8 @@ from lerobot_dexflex.interfaces.commanded_hand import STATE
 from lerobot_dexflex.interfaces.controller_folder import DEXGEN_FILES
 from lerobot_dexflex.interfaces.learned import LearnedInterface
 
-GUIDANCE = 10.0
-"""Strength of the guidance: with 8 steps, the last one goes three tenths of the way to the draft."""
+GUIDANCE = 30.0
+"""Strength of the guidance, the best of 3, 10, 30 and 100 on tuning objects (log in `eval/README.md`)."""
 DENOISING_STEPS = 8
 
 

@@ -8,8 +8,8 @@ from torch import Tensor
 from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH
 from lerobot_dexflex.interfaces.touch_watch import FINGER_NAMES, TOUCH_HEALTH
 
-BRANCHES = ("draft", "pure", "seeded")
-"""Where a candidate came from: the draft itself, noise alone, or noise around the draft."""
+BRANCHES = ("draft", "pure", "seeded", "contact")
+"""Where a candidate came from: the draft itself, noise alone, noise around the draft, the projection."""
 STILL = 0.002
 """Regularises the relative size of an intervention where the draft stands still [m]."""
 _LIKELY = 0.5

@@ -144,9 +144,9 @@ def selection_settings(ablation: str | None, options: dict[str, Any]) -> Any:
         case "noslow":
             return replace(settings, use_slow=False)
         case "nopure":
-            return replace(settings, n_pure=0, n_seeded=total - settings.include_draft)
+            return replace(settings, n_pure=0, n_seeded=settings.n_pure + settings.n_seeded)
         case "noseeded":
-            return replace(settings, n_pure=total, n_seeded=0, include_draft=False)
+            return replace(settings, n_pure=total, n_seeded=0, include_draft=False, project=False)
     raise DexFlexError(f"Unknown ablation {ablation!r}. Valid: {', '.join(ABLATIONS)}.")
 
 

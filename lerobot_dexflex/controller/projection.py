@@ -1,0 +1,77 @@
+"""Repair a draft by what touch says of the grasp: the analytic member of the candidate set.
+
+Fingers that carry the object move together: their common rigid motion passes, what they do against each
+other is damped, since it changes squeeze and shear, not the object. A small servo holds the squeeze, and a
+finger that carried load a moment ago leaves the object only slowly. Rigid-motion and freeze-a-finger
+candidates were the favourites of the simulator oracle in our prototype; this is their closed form.
+"""
+
+import torch
+from torch import Tensor
+
+from lerobot_dexflex.controller.history import History
+from lerobot_dexflex.controller.settings import ProjectionSettings
+from lerobot_dexflex.hand.kinematics import pads
+
+_LOADED = 0.05
+"""A fingertip carries load from this normal force on [N]."""
+_ENOUGH = 3
+"""Fingers that must carry load for a rigid motion to be more than a guess."""
+_RECENT = 3
+"""Newest frames (now, 1 and 3 steps ago) in which a load counts as recent."""
+_MAX_SQUEEZE, _MAX_RELEASE = 0.0015, 0.001
+"""Largest displacement of the squeeze servo, inward and outward [m]."""
+_REGULAR = (1e-9, 1e-6)
+"""Regularisation of the fit, [1] for translation and [m^2] for rotation."""
+
+
+def project_draft(draft: Tensor, history: History, settings: ProjectionSettings) -> Tensor:
+    """Return the draft as a motion that keeps loaded fingertips on the object.
+
+    A finger whose touch is missing counts as free; without any touch only `settings.gain` acts.
+
+    Args:
+        draft: Displacements of the commanded fingertips [m]. Shape (batch, horizon, 4, 3).
+        history: The state; its newest frame and loads are read.
+        settings: Gains and limits.
+
+    Returns:
+        Shape of `draft`.
+    """
+    loads = history.tactile[:, :_RECENT].sum((-1, -2)).double()  # (batch, frames, 4)
+    loads = loads.masked_fill(history.tactile_missing[:, None], 0.0)
+    loaded, recent = loads[:, 0] > _LOADED, (loads > _LOADED).any(1)  # (batch, 4)
+    asked = draft.double()
+    held = (loaded & (loaded.sum(1, keepdim=True) >= _ENOUGH))[:, None, :, None]
+    rigid = _rigid_motion(asked, history.fingertips[:, 0].double(), loaded.double())
+    moved = settings.gain * torch.where(held, rigid + settings.internal_gain * (asked - rigid), asked)
+    inward = pads(history.joints[:, 0].double())[1][:, None]  # (batch, 1, 4, 3): out of the pad
+    squeeze = (settings.squeeze_gain * (settings.preload - loads[:, 0])).clamp(-_MAX_RELEASE, _MAX_SQUEEZE)
+    moved = moved + (squeeze * recent)[:, None, :, None] * inward
+    toward = (moved * inward).sum(-1, keepdim=True)
+    too_fast = (-settings.release_speed - toward).clamp(min=0) * recent[:, None, :, None]
+    return (moved + too_fast * inward).to(draft.dtype)
+
+
+def _rigid_motion(displacements: Tensor, tips: Tensor, weights: Tensor) -> Tensor:
+    """Return the rigid motion of all tips that fits the weighted ones best, by least squares.
+
+    Args:
+        displacements: Shape (batch, horizon, 4, 3) [m].
+        tips: Shape (batch, 4, 3) [m].
+        weights: Shape (batch, 4).
+    """
+    total = weights.sum(1).clamp(min=1)[:, None, None]
+    arms = tips - (weights[..., None] * tips).sum(1, keepdim=True) / total
+    x, y, z = arms.unbind(-1)
+    zero = torch.zeros_like(x)
+    # Row i of a finger maps the twist (v, w) to its velocity v + w x r.
+    cross = torch.stack([zero, z, -y, -z, zero, x, y, -x, zero], -1).unflatten(-1, (3, 3))
+    jacobian = torch.cat([torch.eye(3).to(cross).expand_as(cross), cross], -1)  # (batch, 4, 3, 6)
+    weighted = (jacobian * weights[..., None, None]).flatten(1, 2)  # (batch, 12, 6)
+    regular = torch.diag(torch.tensor([_REGULAR[0]] * 3 + [_REGULAR[1]] * 3).to(cross))
+    wanted = (displacements * weights[:, None, :, None]).flatten(2)  # (batch, horizon, 12)
+    twist = torch.linalg.solve(
+        weighted.mT @ weighted + regular, weighted.mT @ wanted.mT
+    )  # (batch, 6, horizon)
+    return (jacobian.flatten(1, 2) @ twist).mT.unflatten(-1, (4, 3))
