@@ -90,7 +90,7 @@ def about(result: dict[str, Any]) -> str:
     return (
         f"{result['n_episodes']} paired episodes per method and cell on {kind} objects (seeds from "
         f"{result['first_seed']}; of oracles fewer). Means with bootstrap 95 % intervals. "
-        f"Goals were verified with clean commands, so 1.00 for clean raw is by selection. The average over "
+        f"Goals were verified with clean commands: clean raw is near 1 by selection. The average over "
         f"families is over {averaged}, each family counting the same. Tests: Wilcoxon's signed-rank on the "
         "progress of the same episodes, adjusted by Holm within each cell over the baselines and over the "
         "variants."
