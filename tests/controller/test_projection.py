@@ -1,0 +1,107 @@
+"""The contact projection passes rigid motions, damps what fingers do against each other, keeps contact."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from lerobot_dexflex.controller import History
+from lerobot_dexflex.controller.projection import project_draft
+from lerobot_dexflex.controller.settings import ProjectionSettings
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS
+from lerobot_dexflex.hand.kinematics import fingertips, pads
+
+PLAIN = ProjectionSettings(gain=1.0, internal_gain=0.0, squeeze_gain=0.0, release_speed=1.0)
+JOINTS = torch.tensor(NOMINAL_JOINTS, dtype=torch.float64)[None]
+TIPS = fingertips(JOINTS)
+INWARD = pads(JOINTS)[1]
+
+
+def history(loads: list[float], missing: tuple[int, ...] = ()) -> History:
+    """Return a still hand whose fingers carry these loads [N]."""
+    tactile = torch.zeros(1, 4, 4, 10, 6)
+    tactile[..., 5, 3] = torch.tensor(loads)
+    hidden = torch.zeros(1, 4, dtype=torch.bool)
+    hidden[0, list(missing)] = True
+    return History(
+        JOINTS.float()[:, None].expand(1, 4, 16),
+        TIPS.float()[:, None].expand(1, 4, 4, 3),
+        torch.tensor([[0.0, 0.0, -1.0]]),
+        tactile,
+        hidden,
+        torch.tensor(loads).expand(1, 8, 4),
+        TIPS.float()[:, None].expand(1, 8, 4, 3),
+        torch.zeros(1, dtype=torch.bool),
+    )
+
+
+def held(displacement: torch.Tensor) -> torch.Tensor:
+    """Hold a displacement (1, 4, 3) over the horizon."""
+    return displacement[:, None].expand(-1, 8, -1, -1)
+
+
+def rigid() -> torch.Tensor:
+    """Return a small common motion of all tips [m]."""
+    turn = torch.tensor([0.02, -0.01, 0.03], dtype=torch.float64)
+    arms = TIPS - TIPS.mean(1, keepdim=True)
+    return held(torch.tensor([0.001, 0.0, -0.001]) + torch.cross(turn.expand_as(arms), arms, dim=-1))
+
+
+def test_a_rigid_motion_of_the_object_passes():
+    moved = project_draft(rigid(), history([1.0] * 4), PLAIN)
+    torch.testing.assert_close(moved, rigid(), atol=1e-5, rtol=0)
+
+
+def test_fingers_working_against_each_other_are_damped():
+    together = held(-0.05 * (TIPS - TIPS.mean(1, keepdim=True)))  # No rigid motion brings tips closer.
+    damped = project_draft(together, history([1.0] * 4), PLAIN)
+    half = project_draft(together, history([1.0] * 4), dataclasses.replace(PLAIN, internal_gain=0.5))
+    torch.testing.assert_close(damped, torch.zeros_like(damped), atol=1e-5, rtol=0)
+    torch.testing.assert_close(half, together / 2, atol=1e-5, rtol=0)
+
+
+def test_a_free_finger_goes_where_it_is_sent():
+    draft = rigid().clone()
+    draft[:, :, 0] += 0.003
+    moved = project_draft(draft, history([0.0, 1.0, 1.0, 1.0]), PLAIN)
+    torch.testing.assert_close(moved, draft, atol=1e-5, rtol=0)
+
+
+def test_a_loaded_finger_leaves_slowly():
+    settings = dataclasses.replace(PLAIN, internal_gain=1.0, release_speed=0.0005)
+    away = torch.zeros(1, 4, 3, dtype=torch.float64)
+    away[:, 1] = -0.003 * INWARD[:, 1]
+    moved = project_draft(held(away), history([1.0] * 4), settings)
+    speed = -(moved * INWARD[:, None]).sum(-1)
+    assert speed[0, 0, 1] == pytest.approx(0.0005, abs=1e-6)
+
+
+def test_too_little_load_is_pressed_and_too_much_relieved():
+    settings = dataclasses.replace(PLAIN, squeeze_gain=1e-4, preload=1.0)
+    still = torch.zeros(1, 8, 4, 3, dtype=torch.float64)
+    moved = project_draft(still, history([0.2, 1.0, 3.0, 0.0]), settings)
+    toward = (moved * INWARD[:, None]).sum(-1)[0, 0]
+    torch.testing.assert_close(
+        toward, torch.tensor([0.8e-4, 0.0, -2e-4, 0.0], dtype=torch.float64), atol=1e-7, rtol=0
+    )
+
+
+def test_without_touch_only_the_gain_is_left():
+    settings = ProjectionSettings(gain=0.5)
+    moved = project_draft(rigid(), history([1.0] * 4, missing=(0, 1, 2, 3)), settings)
+    torch.testing.assert_close(moved, 0.5 * rigid(), atol=1e-9, rtol=0)
+
+
+def test_rows_do_not_depend_on_each_other():
+    both = History(
+        *[torch.cat([a, b]) for a, b in zip(history([1.0] * 4), history([0.0, 2, 2, 2]), strict=True)]
+    )
+    together = project_draft(torch.cat([rigid(), 2 * rigid()]), both, ProjectionSettings())
+    alone = project_draft(2 * rigid(), history([0.0, 2, 2, 2]), ProjectionSettings())
+    torch.testing.assert_close(together[1:], alone, atol=1e-12, rtol=0)
+
+
+def test_negative_settings_are_refused():
+    with pytest.raises(DexFlexError, match="release_speed"):
+        ProjectionSettings(release_speed=-1.0)
