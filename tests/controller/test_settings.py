@@ -5,7 +5,7 @@ from lerobot_dexflex.errors import DexFlexError
 
 
 def test_default_is_64_candidates():
-    assert SelectionSettings().n_candidates == 64
+    assert SelectionSettings().n_candidates == 16
 
 
 @pytest.mark.parametrize(
