@@ -57,11 +57,12 @@ def load_networks(where: str | Path | None = None) -> Networks:
 
 def interfaces_at_defaults(networks: Networks) -> dict[str, Interface]:
     """Return the interfaces whose latency is compared, as they run by default."""
-    count = SelectionSettings().n_candidates
+    few, many = SelectionSettings(), SelectionSettings(n_pure=32, n_seeded=30)
     return {
         "raw": RawInterface(),
         "dexgen": DexGenInterface(networks.controller, networks.prior),
-        f"dexflex, {count} candidates": DexFlexInterface(networks.controller),
+        f"dexflex, {few.n_candidates} candidates": DexFlexInterface(networks.controller, few),
+        f"dexflex, {many.n_candidates} candidates": DexFlexInterface(networks.controller, many),
     }
 
 

@@ -4,14 +4,14 @@ from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.errors import DexFlexError
 
 
-def test_default_is_64_candidates():
+def test_default_is_16_candidates():
     assert SelectionSettings().n_candidates == 16
 
 
 @pytest.mark.parametrize(
     "values",
     [
-        {"n_pure": 0, "n_seeded": 0, "include_draft": False},
+        {"n_pure": 0, "n_seeded": 0, "include_draft": False, "project": False},
         {"n_pure": -1},
         {"levels": ()},
         {"levels": (1.0,)},
