@@ -93,12 +93,12 @@ def grid(
 ) -> dict[tuple[int, int], Latency]:
     """Return the latency of DexFlex by number of candidates and of function evaluations from noise.
 
-    Half of the candidates are pure, the others draft-seeded, one of them the draft itself.
+    Half of the candidates are pure, the others draft-seeded, but for the draft itself and its projection.
     """
     made = {}
     for count in candidates:
         for nfe in evaluations:
-            settings = SelectionSettings(n_pure=count // 2, n_seeded=count - count // 2 - 1, nfe=nfe)
+            settings = SelectionSettings(n_pure=count // 2, n_seeded=count - count // 2 - 2, nfe=nfe)
             made[f"{count} {nfe}"] = DexFlexInterface(networks.controller, settings)
     measured = measure(made, steps)
     return {(count, nfe): measured[f"{count} {nfe}"] for count in candidates for nfe in evaluations}
