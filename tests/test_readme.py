@@ -91,7 +91,7 @@ def test_readme_shows_the_two_commands_that_do_everything():
 
 
 def test_readme_links_and_pictures_exist():
-    targets = re.findall(r"\]\((?!https?://|#)([^)]+)\)", README.read_text())
+    targets = re.findall(r"\]\((?!https?://|#)([^)#]+)", README.read_text())
     assert [target for target in targets if not (ROOT / target).exists()] == []
 
 
