@@ -2,10 +2,7 @@
 
 import sys
 
-import draccus
-from draccus.utils import DraccusException
-
-from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex import console
 from lerobot_dexflex.recording.config import RecordConfig
 from lerobot_dexflex.recording.record import record
 
@@ -16,21 +13,7 @@ def main(arguments: list[str] | None = None) -> int:
     Args:
         arguments: Command-line arguments; None takes those of this process.
     """
-    try:
-        config = draccus.parse(RecordConfig, args=arguments)
-        return 0 if record(config, arguments) else 130
-    except (DexFlexError, DraccusException, OSError) as error:
-        print(f"error: {_reason(error)}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("Stopped. Run the same command again to continue.", file=sys.stderr)
-        return 130
-
-
-def _reason(error: BaseException) -> BaseException:
-    """Return our own message where draccus only says that a class could not be made."""
-    cause = error.__cause__
-    return cause if isinstance(error, DraccusException) and isinstance(cause, DexFlexError) else error
+    return console.run(RecordConfig, lambda config, words: 0 if record(config, words) else 130, arguments)
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ class NetworkConfig:
 class TrainConfig:
     """Train a controller from a corpus."""
 
-    corpus: Path = Path("outputs/reach_corpus")
+    corpus: Path = Path("outputs/corpus/reach")
     """The corpus; its test split is never read."""
     output: Path = Path("outputs/controller")
     """Folder of states, metrics and, in `controller`, the result. Run again to continue."""

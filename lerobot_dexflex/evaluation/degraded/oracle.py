@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.loop import Slot
 from lerobot_dexflex.controller import DexFlexController, SelectionSettings
+from lerobot_dexflex.controller.projection import project_draft
 from lerobot_dexflex.envs.hand_env import CONTACT_FORCE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.reach import kernels
@@ -61,9 +62,10 @@ class OracleInterface(DexFlexInterface):
         self._slots = slots
 
     def _choose(self, sensed: Sensed) -> Plan:
-        draft = sensed.draft.draft.float()
+        draft, settings, history = sensed.draft.draft.float(), self.settings, sensed.history
+        repaired = project_draft(draft, history, settings.projection) if settings.project else None
         candidates = self.controller.propose(
-            self._encode(sensed), draft, sensed.drafts_history, self.settings
+            self._encode(history), draft, sensed.drafts_history, settings, repaired=repaired
         )
         chunks = candidates.chunks
         best = torch.zeros(len(chunks), dtype=torch.int64)
