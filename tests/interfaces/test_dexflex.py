@@ -6,13 +6,14 @@ import torch
 from interface_cases import STATE, TACTILE, drafts, hand_poses, observation
 
 from lerobot_dexflex.controller import DexFlexController, HistoryBuffer, SelectionSettings
+from lerobot_dexflex.controller.projection import project_draft
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
 from lerobot_dexflex.interfaces import RawInterface
 from lerobot_dexflex.interfaces.dexflex import SLOW_PERIOD, DexFlexInterface
 from lerobot_dexflex.interfaces.explanation import BRANCHES
 
-FEW = {"n_pure": 4, "n_seeded": 4, "nfe": 2}
+FEW = {"n_pure": 4, "n_seeded": 4, "nfe": 2, "project": False}
 
 
 def draft_of(rows, seed=1):
@@ -128,6 +129,8 @@ def test_the_raw_draft_is_explained_alike_whether_or_not_it_is_a_candidate(contr
         ({"n_pure": 0, "include_draft": False}, {"seeded"}),
         ({"n_pure": 0, "n_seeded": 0}, {"draft"}),
         ({"use_score": False}, {"pure", "seeded"}),
+        ({"project": True, "contact_bias": 1e6}, {"contact"}),
+        ({"project": True, "contact_bias": 0.0}, {"draft", "pure", "seeded", "contact"}),
     ],
 )
 def test_switches_decide_where_candidates_come_from(controller, switches, branches):
@@ -135,6 +138,15 @@ def test_switches_decide_where_candidates_come_from(controller, switches, branch
     interface.step(observation(8), draft_of(8))
     assert interface.explanation is not None
     assert {interface.explanation.row(k)["branch"] for k in range(8)} <= branches
+
+
+def test_the_contact_projection_is_executed_where_it_is_chosen():
+    interface = flex(DexFlexController(), project=True, contact_bias=1e6)
+    seen, draft = observation(2), draft_of(2)
+    interface.step(seen, draft)
+    repaired = project_draft(draft, HistoryBuffer().observe(seen), interface.settings.projection)
+    moved = interface.command - fingertips(seen[STATE][:, -16:])
+    torch.testing.assert_close(moved, repaired[:, 0].double(), rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("use_touch", [True, False])

@@ -33,7 +33,7 @@ def test_letting_go_costs_a_grasp_and_trying_it_out_changes_nothing(chain):
 
 
 def test_with_the_draft_alone_the_oracle_is_raw_and_explains_itself(chain, controller):
-    settings = SelectionSettings(n_pure=0, n_seeded=0)
+    settings = SelectionSettings(n_pure=0, n_seeded=0, project=False)
     oracle = OracleInterface(controller, "clean", settings)
     (episode,) = run_chains([chain], Corruption("noise", 0.001), oracle, max_steps=3)
     np.testing.assert_allclose(episode.executed, episode.draft, atol=1e-7)  # Chunks are single precision.
