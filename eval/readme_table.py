@@ -3,7 +3,8 @@
 python eval/readme_table.py
 
 `<!-- results:NAME -->` ... `<!-- /results -->` is filled from `eval/results/NAME.json`, which is the
-`comparison.json` of a run of `eval/compare_interfaces.py`.
+`comparison.json` of a run of `eval/compare_interfaces.py` or the `degraded_commands.json` of
+`eval/degraded_commands.py`.
 """
 
 import json
@@ -34,7 +35,8 @@ def filled(text: str, results: Path) -> str:
 
     def block(match: re.Match[str]) -> str:
         name = match["name"]
-        content = table(json.loads((results / f"{name}.json").read_text()), f"eval/results/{name}.json")
+        result = json.loads((results / f"{name}.json").read_text())
+        content = (degraded_table if "cells" in result else table)(result, f"eval/results/{name}.json")
         return f"<!-- results:{name} -->\n{content}\n<!-- /results -->"
 
     return _BLOCK.sub(block, text)
@@ -56,6 +58,25 @@ def table(result: dict[str, Any], source: str) -> str:
         + f"\n\nn = {result['n_episodes']} paired episodes per interface on held-out initial states "
         + f"(seeds {first} to {last}).{paired} Every episode: [{source}]({source})."
     )
+
+
+def degraded_table(result: dict[str, Any], source: str) -> str:
+    """Return the task progress of every method and the reference's paired tests on the family average.
+
+    Args:
+        result: Content of a `degraded_commands.json`.
+        source: Path of that file from the repository's root.
+    """
+    from lerobot_dexflex.evaluation.degraded import tables
+
+    progress = tables.as_markdown(tables.metric_header(result), tables.metric_rows(result, "progress"))
+    tests = [
+        f"`{t['method']}` {t['gain']['mean']:+.2f} (p = {t['p_value_holm']:.2g})"
+        for t in result["tests"]
+        if t["cell"] == "families"
+    ]
+    gains = f" Gain of `{result['reference']}` in the family average, Wilcoxon and Holm: {', '.join(tests)}."
+    return f"{progress}\n\nMean progress with bootstrap 95 % intervals.{gains} [{source}]({source})."
 
 
 def _row(name: str, numbers: dict[str, Any]) -> str:

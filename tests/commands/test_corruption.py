@@ -6,7 +6,7 @@ import pytest
 from lerobot_dexflex.commands.corruption import EVENT_STEPS, Corruption
 from lerobot_dexflex.errors import DexFlexError
 
-CLEAN = np.arange(12.0).reshape(4, 3) * 1e-3
+CLEAN = 1e-3 * np.arange(12, dtype=np.float64).reshape(4, 3)
 LOADS = np.array([0.2, 3.0, 1.0, 2.0])
 INWARD = np.tile([1.0, 0.0, 0.0], (4, 1))
 NAMES = ["clean", "noise_2mm", "scale_1.5", "delay_2", "removal_3mm", "bias_1mm"]
@@ -14,7 +14,7 @@ NAMES = ["clean", "noise_2mm", "scale_1.5", "delay_2", "removal_3mm", "bias_1mm"
 
 def run(name: str, steps: int = 100, seed: int = 0) -> np.ndarray:
     stream = Corruption.parse(name).stream(np.random.default_rng(seed))
-    return np.stack([stream.step(CLEAN * (k + 1), LOADS, INWARD) for k in range(steps)])
+    return np.stack([stream.step(np.multiply(k + 1.0, CLEAN), LOADS, INWARD) for k in range(steps)])
 
 
 CLEAN_RUN = np.stack([CLEAN * (k + 1) for k in range(100)])

@@ -66,7 +66,7 @@ def test_there_are_sixteen_joints_and_no_object_or_goal_in_the_observation():
     # Another goal changes the pictures and nothing else.
     env.data.mocap_pos[0] += (0.0, 0.0, -0.03)
     mujoco.mj_forward(env.model, env.data)
-    moved = env._observe()
+    moved = env.observe()
     assert not same(moved["pixels"]["front"], observation["pixels"]["front"])
     for key in ("agent_pos", "fingertips", "gravity"):
         assert same(moved[key], observation[key])

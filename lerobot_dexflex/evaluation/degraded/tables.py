@@ -74,12 +74,12 @@ def markdown(result: dict[str, Any]) -> str:
     header = metric_header(result)
     parts = [about(result)]
     for metric, title in TITLES.items():
-        parts += [f"**{title}**", _markdown(header, metric_rows(result, metric))]
-    parts += ["**Dropped episodes** (Wilson intervals)", _markdown(header, drop_rows(result))]
+        parts += [f"**{title}**", as_markdown(header, metric_rows(result, metric))]
+    parts += ["**Dropped episodes** (Wilson intervals)", as_markdown(header, drop_rows(result))]
     if split := split_rows(result):
-        parts += ["**In and outside removals**", _markdown(SPLIT_HEADER, split)]
+        parts += ["**In and outside removals**", as_markdown(SPLIT_HEADER, split)]
     if rows := test_rows(result, [*result["cells"], FAMILIES]):
-        parts += [f"**{result['reference']} against all others, paired**", _markdown(TEST_HEADER, rows)]
+        parts += [f"**{result['reference']} against all others, paired**", as_markdown(TEST_HEADER, rows)]
     return "\n\n".join(parts)
 
 
@@ -121,6 +121,7 @@ def _mean(metric: dict[str, Any] | None, sign: str = "") -> str:
     return f"{metric['mean']:{sign}.2f} [{low}, {high}]"
 
 
-def _markdown(header: Sequence[str], rows: Rows) -> str:
+def as_markdown(header: Sequence[str], rows: Rows) -> str:
+    """Return a table in Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)

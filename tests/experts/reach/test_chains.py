@@ -52,7 +52,9 @@ def test_no_command_reaches_nothing(chain):
 
 
 def test_unverified_goals_return_to_the_start_every_second_time(env, chain):
-    goals = build_chain(env, chain.seed, verify=False).goals
+    unverified = build_chain(env, chain.seed, verify=False)
+    assert unverified is not None
+    goals = unverified.goals
     assert goals[1].position == chain.episode.position
     assert goals[0].position != chain.episode.position
 
