@@ -114,8 +114,9 @@ def proposed(
     Returns:
         Chunks [m]. Shape (batch, 8, 4, 3).
     """
-    pure = SelectionSettings(n_pure=1, n_seeded=0, include_draft=False)
-    levels = SelectionSettings(n_pure=0, n_seeded=len(pure.levels), include_draft=False)
+    pure = SelectionSettings(n_pure=1, n_seeded=0, include_draft=False, project=False)
+    n_levels = len(pure.levels)
+    levels = SelectionSettings(n_pure=0, n_seeded=n_levels, include_draft=False, project=False)
     found = np.zeros((len(rows), HORIZON, _FINGERS, 3))
     for wanted, settings in ((~seeded, pure), (seeded, levels)):
         chosen = np.flatnonzero(wanted)
