@@ -38,8 +38,8 @@ from lerobot_dexflex.controller import DexFlexController
 controller = DexFlexController.from_pretrained("path/or/hub-name")
 ```
 
-At run time the `dexflex` interface feeds it observations and drafts, and adds one candidate that is not learned:
-the draft's contact projection, a formula over touch. It refuses another hand or control rate.
+At run time the `dexflex` interface feeds it observations and drafts, and adds one candidate that is not
+learned: the draft's contact projection, a formula over touch. It refuses another hand or control rate.
 {training}
 ## Known limitations
 
