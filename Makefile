@@ -11,7 +11,7 @@ help:  ## List the targets.
 demo: $(READY)  ## Compare the action interfaces on the shipped policies (1 to 2 minutes on 2 cores).
 	$(PYTHON) eval/compare_interfaces.py --demo
 
-test: $(READY)  ## Run all tests on 2 cores (about 4 minutes).
+test: $(READY)  ## Run all tests on 2 cores (about 5 minutes).
 	$(PYTHON) -m pytest --numprocesses=2 --dist=worksteal
 
 check: $(READY)  ## Check format, lint and types.

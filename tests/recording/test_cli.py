@@ -69,6 +69,8 @@ def test_ctrl_c_keeps_the_finished_episodes_of_real_workers_loadable(tmp_path):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        # A test suite in the background of a shell ignores Ctrl-C, and so would its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     deadline = time.monotonic() + 120
     while not list(staging.glob("attempt_*.npz")) and time.monotonic() < deadline:
