@@ -15,11 +15,12 @@ import torch
 from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.corruption import CommandStream, Corruption
+from lerobot_dexflex.envs.hand_env import LEROBOT_KEYS
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.chains import MAX_STEPS, STEADY_STEPS, TOLERANCE, Chain, HeldObject
-from lerobot_dexflex.experts.reach.object_controller import LOADED
 from lerobot_dexflex.experts.reach.sensing import HandState
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.poses import pose_error
 from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON, Interface
 
@@ -33,9 +34,6 @@ DROP_DISTANCE, DROP_STEPS = 0.08, 8
 """An object is dropped this far from the start [m] or after so many steps with fewer than two loaded tips."""
 _FLOOR = 0.5
 """Error, in tolerances summed, that counts as arrived in the partial credit."""
-
-Prepare = Callable[[ReachEnv, np.random.Generator], Callable[[int], None] | None]
-"""Changes an environment after its start; may return what to do before each control step."""
 
 
 @runtime_checkable
@@ -83,14 +81,10 @@ class Episode:
 class Slot:
     """One running chain."""
 
-    def __init__(
-        self, env: ReachEnv, chain: Chain, corruption: Corruption, seed: int, prepare: Prepare | None
-    ) -> None:
+    def __init__(self, env: ReachEnv, chain: Chain, corruption: Corruption, seed: int) -> None:
         self.held = HeldObject(env, chain.seed, chain.episode)
         self.episode = Episode(chain, corruption)
-        rng = np.random.default_rng((chain.seed, seed, 7))
-        self.stream: CommandStream = corruption.stream(rng)
-        self._before_step = prepare(env, rng) if prepare else None
+        self.stream: CommandStream = corruption.stream(np.random.default_rng((chain.seed, seed, 7)))
         self.state: HandState = self.held.senses.read()
         self.observation = self.held.observation
         self._home = self.held.home
@@ -130,10 +124,8 @@ class Slot:
                 command=self._tips,
                 joint_targets=joints,
                 label_joints=kernels.solve_fingertips(self._tips + self.label, previous),
-                snapshot_physics=env.snapshot().physics if (self.steps - 1) % SNAPSHOT_EVERY == 0 else None,
+                snapshot_physics=env.physics_state() if (self.steps - 1) % SNAPSHOT_EVERY == 0 else None,
             )
-        if self._before_step:
-            self._before_step(self.steps)
         self.held.joints, self.held.command = joints, tips
         env.advance(joints)
         self.observation, self.state = env.observe(), self.held.senses.read()
@@ -151,7 +143,7 @@ class Slot:
         distance, angle = pose_error(state.position, state.quaternion, *self._pose)
         self._least = min(self._least, self._measure(distance, angle))
         self._steady = self._steady + 1 if distance < TOLERANCE[0] and angle < TOLERANCE[1] else 0
-        lost = (state.loads > LOADED).sum() < 2
+        lost = (state.loads > CONTACT_FORCE).sum() < 2
         self._loose = self._loose + 1 if lost else 0
         far = np.linalg.norm(state.position - self._home) > DROP_DISTANCE
         self._keep(goal_error=(distance, angle), lost=bool(lost or far))
@@ -214,7 +206,6 @@ def run_chains(
     max_steps: int = MAX_STEPS,
     record: bool = False,
     teacher: Callable[[np.random.Generator], Iterator[bool]] | None = None,
-    prepare: Prepare | None = None,
     watch: Callable[[int, Slot], None] | None = None,
 ) -> list[Episode]:
     """Run one episode per chain and return them in the order of the chains.
@@ -232,7 +223,6 @@ def run_chains(
         record: Whether to keep observations and commands in `Episode.rows`.
         teacher: Begins, for each episode, a stream that says at which steps the clean command is executed
             instead of the draft. Only for interfaces that execute drafts as they are.
-        prepare: Changes an environment after its start and may disturb it before each step.
         watch: Called with the chain's index and its slot after each step, to film or log it.
     """
     corruptions = [corruption] * len(chains) if isinstance(corruption, Corruption) else list(corruption)
@@ -249,7 +239,7 @@ def run_chains(
         fresh = np.zeros(batch, bool)
         for k in range(batch):
             if slots[k] is None and (n := next(waiting, None)) is not None:
-                slot = slots[k] = Slot(environments[k], chains[n], corruptions[n], seed, prepare)
+                slot = slots[k] = Slot(environments[k], chains[n], corruptions[n], seed)
                 numbers[k], fresh[k], initial[k] = n, True, slot.held.joints
                 observations[k] = slot.observation
                 if teacher:
@@ -259,7 +249,7 @@ def run_chains(
             return [finished[n] for n in range(len(chains))]
         if fresh.any():
             interface.reset(torch.from_numpy(fresh))
-        stacked = _stack(observations)
+        stacked = stack_observations(observations)
         tips = interface.start(stacked, torch.from_numpy(initial)).numpy().copy()
         displacement = np.zeros((batch, 4, 3))  # Ended rows stand still until the last one ends.
         for k, slot in running:
@@ -283,11 +273,11 @@ def run_chains(
                 slots[k] = None
 
 
-def _stack(observations: Sequence[Mapping[str, NDArray]]) -> dict[str, torch.Tensor]:
-    keys = {"agent_pos": "state", "tactile": "tactile", "fingertips": "fingertips", "gravity": "gravity"}
+def stack_observations(observations: Sequence[Mapping[str, NDArray]]) -> dict[str, torch.Tensor]:
+    """Return the observations of several hands as an interface reads them, one row each."""
     return {
-        f"observation.{name}": torch.from_numpy(np.stack([row[key] for row in observations]))
-        for key, name in keys.items()
+        name: torch.from_numpy(np.stack([one[key] for one in observations]))
+        for key, name in LEROBOT_KEYS.items()
     }
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
+from lerobot_dexflex.interfaces.protocol import FINGERS as FINGERS
 
 FRAMES = (0, 1, 3, 7)
 """Steps back at which joints, fingertips and touch are seen."""
@@ -15,8 +16,6 @@ SLOW_STRIDE, SLOW_SAMPLES = 4, 8
 """The slow window: every fourth step, eight of them, newest first."""
 DRAFT_HISTORY = 8
 """Steps before this one whose drafts are seen."""
-FINGERS = ("index", "middle", "ring", "thumb")
-"""Order of the fingers in every tensor."""
 TAXELS = (10, 6)
 """Rows and columns of taxels per fingertip."""
 _IDENTITY = {

@@ -11,10 +11,9 @@ from torch import Tensor
 
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.settings import ProjectionSettings
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import pads
 
-_LOADED = 0.05
-"""A fingertip carries load from this normal force on [N]."""
 _ENOUGH = 3
 """Fingers that must carry load for a rigid motion to be more than a guess."""
 _RECENT = 3
@@ -40,7 +39,7 @@ def project_draft(draft: Tensor, history: History, settings: ProjectionSettings)
     """
     loads = history.tactile[:, :_RECENT].sum((-1, -2)).double()  # (batch, frames, 4)
     loads = loads.masked_fill(history.tactile_missing[:, None], 0.0)
-    loaded, recent = loads[:, 0] > _LOADED, (loads > _LOADED).any(1)  # (batch, 4)
+    loaded, recent = loads[:, 0] > CONTACT_FORCE, (loads > CONTACT_FORCE).any(1)  # (batch, 4)
     asked = draft.double()
     held = (loaded & (loaded.sum(1, keepdim=True) >= _ENOUGH))[:, None, :, None]
     rigid = _rigid_motion(asked, history.fingertips[:, 0].double(), loaded.double())

@@ -15,11 +15,11 @@ from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.operated import GoalFollower
 from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.world import Support, World
-from lerobot_dexflex.envs.hand_env import CONTACT_FORCE
 from lerobot_dexflex.envs.reach import DROP_STEPS, ReachEpisode
 from lerobot_dexflex.experts.command import min_jerk
 from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.sensing import Senses
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 
 Array = NDArray[np.float64]
 

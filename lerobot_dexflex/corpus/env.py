@@ -1,7 +1,5 @@
 """Reach under the circumstances of an episode of the corpus, begun or resumed from stored values."""
 
-from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import mujoco
@@ -14,7 +12,6 @@ from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP
-from lerobot_dexflex.hand.objects import ObjectSpec
 from lerobot_dexflex.hand.touch import TouchConfig
 
 Array = NDArray[np.float64]
@@ -104,17 +101,3 @@ class CorpusEnv(ReachEnv):
             observation["agent_pos"] = joints.astype(np.float32)
             observation["fingertips"] = kernels.fingertips(joints).astype(np.float32).reshape(-1)
         return observation
-
-
-def episode_to_dict(episode: ReachEpisode) -> dict[str, Any]:
-    """Return plain values, ready for JSON."""
-    return asdict(episode)
-
-
-def episode_from_dict(values: Mapping[str, Any]) -> ReachEpisode:
-    """Return the episode that `episode_to_dict` described."""
-    spec: dict[str, Any] = {
-        k: tuple(v) if isinstance(v, list) else v for k, v in values["object_spec"].items()
-    }
-    rest = {k: tuple(v) for k, v in values.items() if k != "object_spec"}
-    return ReachEpisode(ObjectSpec(**spec), **rest)

@@ -7,18 +7,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from lerobot_dexflex.commands.loop import stack_observations
 from lerobot_dexflex.corpus.distortion import Distortion
 from lerobot_dexflex.corpus.run import Leader, Run
 from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON, Interface
 
 Array = NDArray[np.float64]
-
-_KEYS = {
-    "observation.state": "agent_pos",
-    "observation.tactile": "tactile",
-    "observation.fingertips": "fingertips",
-    "observation.gravity": "gravity",
-}
 
 
 class Driven(NamedTuple):
@@ -81,10 +75,7 @@ def _ask(
     # Rows that have ended show another hand, so that the batch keeps its size.
     spare = next(iter(running))
     shown = [running.get(k, running[spare]) for k in rows]
-    observation = {
-        key: torch.from_numpy(np.stack([run.observation[name] for run in shown]))
-        for key, name in _KEYS.items()
-    }
+    observation = stack_observations([run.observation for run in shown])
     if fresh.any():
         interface.reset(torch.from_numpy(fresh))
     interface.start(observation, torch.from_numpy(np.stack([run.env.command for run in shown])))

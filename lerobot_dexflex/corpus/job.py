@@ -18,8 +18,8 @@ from lerobot_dexflex.corpus.schema import ACQUIRED, INTERFACED, OPERATED, SEARCH
 from lerobot_dexflex.corpus.searched import search_episode
 from lerobot_dexflex.corpus.shard import Shard, concatenate, shard_path, write_shard
 from lerobot_dexflex.corpus.world import World, vary_object
-from lerobot_dexflex.envs.hand_env import CONTACT_FORCE
 from lerobot_dexflex.envs.reach import ReachEpisode
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.registry import make_interface
 
 Episodes = dict[int, ReachEpisode]

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.corpus.config import FIRST_SEED, CorpusConfig
-from lerobot_dexflex.corpus.env import CorpusEnv, episode_from_dict
+from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.manifest import stage_folder
 from lerobot_dexflex.corpus.proposals import perturbed, proposed
 from lerobot_dexflex.corpus.run import is_lost, stored
 from lerobot_dexflex.corpus.schema import HORIZON, REPLAY_COLUMNS, SOURCES, Tensors
 from lerobot_dexflex.corpus.shard import Shard, read_shard, shard_path, write_replays
 from lerobot_dexflex.corpus.world import World
+from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.sensing import Senses
@@ -78,7 +79,7 @@ def replay(shard: Shard, kept: NDArray[np.int64], chunks: Array) -> dict[str, ND
         number = int(tensors["episode"][row])
         values = shard.episodes[number]
         if senses is None or number != running:
-            env.start(episode_from_dict(values["episode"]), World.from_dict(values["world"]))
+            env.start(ReachEpisode.from_dict(values["episode"]), World.from_dict(values["world"]))
             senses, running = Senses(env), number
         env.rewind(
             values["clock"] + int(tensors["step"][row]),

@@ -1,19 +1,20 @@
 """One running episode: executes displacements of the commanded tips and records every control step."""
 
+from dataclasses import asdict
 from typing import Any, NamedTuple, Protocol
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.corpus.env import CorpusEnv, episode_to_dict
+from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.schema import COLUMNS, FAILED, SNAPSHOT_COLUMNS, SNAPSHOT_INTERVAL
 from lerobot_dexflex.corpus.shard import Shard
 from lerobot_dexflex.corpus.world import World
-from lerobot_dexflex.envs.hand_env import CONTACT_FORCE, Snapshot
+from lerobot_dexflex.envs.hand_env import Snapshot
 from lerobot_dexflex.envs.reach import DROP_DISTANCE, GOAL_RADIUS, ReachEpisode
 from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 
 Array = NDArray[np.float64]
 
@@ -95,7 +96,7 @@ class Run:
         own = np.array_equal(executed, label)
         label_joints = joints if own else kernels.solve_fingertips(stored(self.command + label), before)
         if self.steps % SNAPSHOT_INTERVAL == 0:
-            self._snapshots.append((self.steps, physics_state(env), before))
+            self._snapshots.append((self.steps, env.physics_state(), before))
         seen = self.observation
         row = (
             seen["agent_pos"],
@@ -153,19 +154,11 @@ class Run:
             "kind": kind,
             "rows": rows,
             "clock": first,
-            "episode": episode_to_dict(self.env.episode),
+            "episode": asdict(self.env.episode),
             "world": self.env.world.to_dict(),
             **self.facts,
         }
         return Shard({k: v.astype(types[k].dtype) for k, v in tensors.items()}, [metadata], {})
-
-
-def physics_state(env: CorpusEnv) -> Array:
-    """Return MuJoCo's integration state."""
-    kind = mujoco.mjtState.mjSTATE_INTEGRATION
-    state = np.empty(mujoco.mj_stateSize(env.model, kind))
-    mujoco.mj_getState(env.model, env.data, state, kind)
-    return state
 
 
 def is_lost(now: HandState, episode: ReachEpisode) -> bool:

@@ -18,8 +18,13 @@ from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor, add_touch
 
 CAMERAS = ("front", "wrist")
-CONTACT_FORCE = 0.05
-"""A finger counts as loaded from this normal force on [N]."""
+LEROBOT_KEYS = {
+    "agent_pos": "observation.state",
+    "tactile": "observation.tactile",
+    "fingertips": "observation.fingertips",
+    "gravity": "observation.gravity",
+}
+"""How LeRobot, and with it every interface, calls what is not an image."""
 
 
 class Snapshot(NamedTuple):
@@ -174,14 +179,18 @@ class HandEnv(gymnasium.Env):
         mujoco.mj_forward(model, data)
         self._command = target
 
-    def snapshot(self) -> Snapshot:
-        """Return the full state of the running episode; the time limit's wrapper keeps its own counter."""
+    def physics_state(self) -> NDArray[np.float64]:
+        """Return MuJoCo's integration state, the part of a snapshot that is of the simulator."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         physics = np.empty(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, physics, kind)
+        return physics
+
+    def snapshot(self) -> Snapshot:
+        """Return the full state of the running episode; the time limit's wrapper keeps its own counter."""
         return Snapshot(
             self.episode,
-            physics,
+            self.physics_state(),
             self._command.copy(),
             self._touch.state(),
             copy.deepcopy(self.np_random.bit_generator.state),

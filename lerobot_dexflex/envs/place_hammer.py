@@ -6,9 +6,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from lerobot_dexflex.envs.hand_env import CONTACT_FORCE, HandEnv
+from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.scene import add_camera, add_studio, add_table, add_wrist_camera
 from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 
 ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
 """Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""

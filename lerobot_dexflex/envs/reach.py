@@ -1,18 +1,19 @@
 """Reach: move an object that the hand holds to a goal pose, without dropping it, under any gravity."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.envs.hand_env import CONTACT_FORCE, HandEnv, Snapshot
+from lerobot_dexflex.envs.hand_env import HandEnv, Snapshot
 from lerobot_dexflex.envs.rendering import tune_visuals
 from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import fingertip_contacts
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE, fingertip_contacts
 from lerobot_dexflex.hand.grasp import OBJECT, GraspSearch, hand_scene
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.objects import ObjectSpec, add_ghost, sample_object
@@ -57,6 +58,15 @@ class ReachEpisode:
     """Initial object position [m]."""
     quaternion: tuple[float, ...]
     """Initial object orientation (w x y z)."""
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Return the episode that `dataclasses.asdict` described, also after a way through JSON."""
+        spec: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in values["object_spec"].items()
+        }
+        rest = {k: tuple(v) for k, v in values.items() if k != "object_spec"}
+        return cls(ObjectSpec(**spec), **rest)
 
 
 class ReachEnv(HandEnv):

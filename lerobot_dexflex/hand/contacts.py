@@ -17,12 +17,15 @@ Array = NDArray[np.float64]
 NOMINAL_JOINTS = (1.1, 0.0, 0.5, 0.2) * 3 + (1.6, 0.2, 0.8, -0.2)
 """A half-closed hand whose pads face each other [rad]."""
 
+CONTACT_FORCE = 0.05
+"""A finger counts as loaded from this normal force on [N]."""
+TORQUE_SCALE, PRELOAD_WEIGHT = 40.0, 0.3
+"""Of the force balance: newtons that 1 N m counts as [1/m], and the weight of the wish for preload."""
+
 _NORMAL_WEIGHT = 0.005
 _POSTURE_WEIGHT = 0.002
 _DAMPING = 0.004
 _MAX_JOINT_STEP = 0.4
-_TORQUE_SCALE = 40.0
-_PRELOAD_WEIGHT = 0.3
 
 
 class FingertipContacts(NamedTuple):
@@ -134,12 +137,12 @@ def balance_forces(
     spread = np.stack([first, -first, second, -second], 1)
     edges = (inward[:, None] + friction * spread).reshape(-1, 3)  # (4 contacts, 3)
     torques = np.cross(np.repeat(points - centre, 4, 0), edges)
-    system = np.vstack([edges.T, _TORQUE_SCALE * torques.T])
-    target = np.concatenate([wrench[:3], _TORQUE_SCALE * wrench[3:]])
+    system = np.vstack([edges.T, TORQUE_SCALE * torques.T])
+    target = np.concatenate([wrench[:3], TORQUE_SCALE * wrench[3:]])
     n = len(edges)
     weights, _ = nnls(
-        np.vstack([system, _PRELOAD_WEIGHT * np.eye(n)]),
-        np.concatenate([target, np.full(n, _PRELOAD_WEIGHT * preload / 4)]),
+        np.vstack([system, PRELOAD_WEIGHT * np.eye(n)]),
+        np.concatenate([target, np.full(n, PRELOAD_WEIGHT * preload / 4)]),
     )
     forces = (weights[:, None] * edges).reshape(-1, 4, 3).sum(1)
     return forces, float(np.linalg.norm(system @ weights - target))

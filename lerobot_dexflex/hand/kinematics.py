@@ -13,8 +13,8 @@ from lerobot_dexflex.hand import leap
 
 POSTURE_WEIGHT = 0.02
 """Weight of the tie to the previous joint command [m/rad]: a fingertip leaves one joint per finger free."""
-_DAMPING = 0.01
-_MAX_JOINT_STEP = 0.5
+DAMPING, MAX_JOINT_STEP = 0.01, 0.5
+"""Of the damped least squares: damping [m/rad] and the largest step [rad]."""
 _LINKS_PER_FINGER = 4
 
 JOINT_LOWER = torch.tensor([link.joint_range[0] for link in leap.LINKS], dtype=torch.float64)
@@ -105,12 +105,12 @@ def solve_fingertips(
         error = targets - points  # (batch, fingers, 3)
         arms = points.unsqueeze(2) - frames.origins
         jacobian = torch.linalg.cross(frames.axes, arms).transpose(-1, -2)  # (batch, fingers, 3, 4)
-        damping = _DAMPING**2 * (0.01 + error.square().sum(-1)) + posture_weight**2
+        damping = DAMPING**2 * (0.01 + error.square().sum(-1)) + posture_weight**2
         normal = jacobian.mT @ jacobian + damping[..., None, None] * eye
         gradient = torch.einsum("bfij,bfi->bfj", jacobian, error) + posture_weight**2 * (posture - joints)
         step = torch.linalg.solve(normal, gradient)
-        largest = step.abs().amax(-1, keepdim=True).clamp(min=_MAX_JOINT_STEP)
-        joints = torch.clamp(joints + step * (_MAX_JOINT_STEP / largest), lower, upper)
+        largest = step.abs().amax(-1, keepdim=True).clamp(min=MAX_JOINT_STEP)
+        joints = torch.clamp(joints + step * (MAX_JOINT_STEP / largest), lower, upper)
     return joints.flatten(1)
 
 

@@ -6,13 +6,20 @@ from typing import Any, NamedTuple
 from torch import Tensor
 
 from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH
-from lerobot_dexflex.interfaces.touch_watch import FINGER_NAMES, TOUCH_HEALTH
+from lerobot_dexflex.interfaces.protocol import FINGERS
+from lerobot_dexflex.interfaces.touch_watch import TOUCH_HEALTH
 
 BRANCHES = ("draft", "pure", "seeded", "contact")
 """Where a candidate came from: the draft itself, noise alone, noise around the draft, the projection."""
 STILL = 0.002
 """Regularises the relative size of an intervention where the draft stands still [m]."""
 _LIKELY = 0.5
+
+
+def relative_change(executed: Tensor, asked: Tensor) -> Tensor:
+    """Return ||executed - asked|| / (||asked|| + 2 mm) over the fingertips; both (batch, 4, 3) [m]."""
+    size = asked.flatten(1).norm(dim=1) + STILL
+    return (executed - asked).flatten(1).norm(dim=1) / size
 
 
 class Choice(NamedTuple):
@@ -52,7 +59,7 @@ class Explanation:
         touch = self.touch_health[index].tolist()
         found: dict[str, Any] = {
             "intervention": self.intervention[index].item(),
-            "touch_health": {f: TOUCH_HEALTH[k] for f, k in zip(FINGER_NAMES, touch, strict=True)},
+            "touch_health": {f: TOUCH_HEALTH[k] for f, k in zip(FINGERS, touch, strict=True)},
             "draft_health": DRAFT_HEALTH[int(self.draft_health[index])],
         }
         if self.choice is not None:
@@ -61,7 +68,7 @@ class Explanation:
                 found[name] = getattr(self.choice, name)[index].item()
             for name in ("contact_loss", "draft_contact_loss"):
                 values = getattr(self.choice, name)[index].tolist()
-                found[name] = dict(zip(FINGER_NAMES, values, strict=True))
+                found[name] = dict(zip(FINGERS, values, strict=True))
         return found
 
     def sentence(self, index: int) -> str:

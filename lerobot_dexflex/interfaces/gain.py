@@ -11,7 +11,7 @@ from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface
-from lerobot_dexflex.interfaces.explanation import STILL, Explanation
+from lerobot_dexflex.interfaces.explanation import Explanation, relative_change
 from lerobot_dexflex.interfaces.protocol import CommandSpace, Interface
 from lerobot_dexflex.interfaces.raw import RawInterface
 
@@ -75,8 +75,7 @@ class GainInterface:
             self._inner.follow(joints, command)
         inner: Explanation | None = getattr(self._inner, "explanation", None)
         if inner is not None:
-            asked = draft[:, 0].to(displacement)
-            change = (displacement - asked).flatten(1).norm(dim=1) / (asked.flatten(1).norm(dim=1) + STILL)
+            change = relative_change(displacement, draft[:, 0].to(displacement))
             inner = dataclasses.replace(inner, intervention=change)
         self._explanation = inner
         return joints.to(targets.dtype)

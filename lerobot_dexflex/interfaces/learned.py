@@ -12,7 +12,7 @@ from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips
 from lerobot_dexflex.interfaces.commanded_hand import STATE, CommandedInterface
 from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, find_controller
 from lerobot_dexflex.interfaces.draft_watch import DraftReading, DraftWatch, checked_draft
-from lerobot_dexflex.interfaces.explanation import STILL, Choice, Explanation
+from lerobot_dexflex.interfaces.explanation import Choice, Explanation, relative_change
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 from lerobot_dexflex.interfaces.touch_watch import TACTILE, TouchReading, TouchWatch, checked_taxels
 
@@ -115,8 +115,6 @@ class LearnedInterface(CommandedInterface):
             joints = (raw + residual).clamp(JOINT_LOWER.to(raw), JOINT_UPPER.to(raw))
             tips = tips + (fingertips(joints) - fingertips(raw))
         self._hand.execute(joints, tips)
-        asked, done = sensed.draft.draft[:, 0], tips - sensed.tips
-        size = asked.flatten(1).norm(dim=1) + STILL
-        intervention = (done - asked).flatten(1).norm(dim=1) / size
+        intervention = relative_change(tips - sensed.tips, sensed.draft.draft[:, 0])
         self._explanation = Explanation(intervention, sensed.touch.health, sensed.draft.health, choice)
         return joints

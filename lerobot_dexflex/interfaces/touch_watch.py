@@ -8,10 +8,10 @@ from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.touch import TouchConfig
+from lerobot_dexflex.interfaces.protocol import FINGERS
 
 TACTILE = "observation.tactile"
-FINGER_NAMES = ("index", "middle", "ring", "thumb")
-FINGERS, TAXELS = len(FINGER_NAMES), 60
+TAXELS = 60
 TOUCH_HEALTH = ("ok", "missing", "frozen", "saturated")
 """What a finger's touch can be; `TouchReading.health` holds indices into it."""
 FROZEN_STEPS = 5
@@ -76,10 +76,10 @@ class TouchWatch:
         taxels = checked_taxels(observation, rows)
         if taxels is None:
             like = next(iter(observation.values()))
-            taxels = torch.full((rows, FINGERS, TAXELS), torch.nan, device=like.device)
+            taxels = torch.full((rows, len(FINGERS), TAXELS), torch.nan, device=like.device)
         if self._last is None or self._good is None or self._repeats is None:
             self._last = self._good = torch.zeros_like(taxels)
-            self._repeats = torch.zeros(rows, FINGERS, dtype=torch.int64, device=taxels.device)
+            self._repeats = torch.zeros(rows, len(FINGERS), dtype=torch.int64, device=taxels.device)
         same = (taxels == self._last).all(-1) & (taxels != 0).any(-1)
         self._repeats = torch.where(same, self._repeats + 1, torch.zeros_like(self._repeats))
         self._last = taxels
@@ -102,9 +102,9 @@ def checked_taxels(observation: Mapping[str, Tensor], rows: int) -> Tensor | Non
     if TACTILE not in observation:
         return None
     taxels = observation[TACTILE]
-    if tuple(taxels.shape) != (rows, FINGERS * TAXELS):
+    if tuple(taxels.shape) != (rows, len(FINGERS) * TAXELS):
         raise DexFlexError(
-            f"'{TACTILE}' must have shape ({rows}, {FINGERS * TAXELS}): 4 fingers x 10 x 6 taxels [N]. "
+            f"'{TACTILE}' must have shape ({rows}, {len(FINGERS) * TAXELS}): 4 fingers x 10 x 6 taxels [N]. "
             f"Got {tuple(taxels.shape)}. Leave the key out if there is no touch."
         )
-    return taxels.float().unflatten(1, (FINGERS, TAXELS))
+    return taxels.float().unflatten(1, (len(FINGERS), TAXELS))

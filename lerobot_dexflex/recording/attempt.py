@@ -11,18 +11,12 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_dexflex.envs.hand_env import LEROBOT_KEYS
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.recording.schema import columns, rounded
-
-_OBSERVATIONS = {
-    "agent_pos": "observation.state",
-    "tactile": "observation.tactile",
-    "fingertips": "observation.fingertips",
-    "gravity": "observation.gravity",
-}
 
 
 @dataclass(frozen=True)
@@ -94,7 +88,7 @@ def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool) -> 
 
 def _frame(observation: dict[str, Any], command: Command) -> dict[str, NDArray]:
     images = {f"observation.images.{name}": image for name, image in observation["pixels"].items()}
-    numbers = {key: observation[name] for name, key in _OBSERVATIONS.items()}
+    numbers = {key: observation[name] for name, key in LEROBOT_KEYS.items()}
     action = np.concatenate([command.joint_targets, np.reshape(command.fingertips, -1)])
     return images | numbers | {"action": action}
 

@@ -11,9 +11,10 @@ from tqdm import tqdm
 from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.encoder import State
 from lerobot_dexflex.controller.settings import SelectionSettings
+from lerobot_dexflex.corpus.schema import INTERFACED, OPERATED
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
-from lerobot_dexflex.training.corpus_data import LOOP, OPERATOR, CorpusData
+from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.metrics import draw
 from lerobot_dexflex.training.proxy_drafts import constant_velocity, proxy_drafts
 
@@ -94,7 +95,7 @@ def _draw_bank(
     if not len(usable):
         raise DexFlexError("The corpus has no 8 labelled steps in a row to propose at.")
     kind = data.columns["kind"][usable]
-    closed = (kind == OPERATOR) | (kind == LOOP)
+    closed = (kind == OPERATED) | (kind == INTERFACED)
     groups = [usable[closed], usable[~closed]]
     n_closed = 0 if not len(groups[0]) else rows if not len(groups[1]) else round(config.loop_share * rows)
     chosen = torch.cat([draw(g, n) for g, n in zip(groups, (n_closed, rows - n_closed), strict=True) if n])
@@ -112,7 +113,7 @@ def _propose(
     clean = data.clean_chunk(rows)
     draft, past = constant_velocity(data.columns["draft"][rows]), data.before("draft", rows)
     kind = data.columns["kind"][rows]
-    given = ((kind == OPERATOR) | (kind == LOOP)) & (torch.rand(len(rows)) >= config.proxy_share)
+    given = ((kind == OPERATED) | (kind == INTERFACED)) & (torch.rand(len(rows)) >= config.proxy_share)
     proxy, proxy_past = proxy_drafts(data.before("label", rows), clean)
     keep = given[:, None, None, None]
     draft, past = torch.where(keep, draft, proxy), torch.where(keep, past, proxy_past)

@@ -10,33 +10,14 @@ from torch import Tensor
 
 from lerobot_dexflex.controller.config import DRAFT_HISTORY, FRAMES, TAXELS
 from lerobot_dexflex.controller.history import SLOW_OFFSETS, History, past_rows
+from lerobot_dexflex.corpus.schema import COLUMNS, FAILED
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.experts.reach.operator import CORRECTION
 from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
 
 SPLITS = ("train", "tune")
 """Splits that training may read; test objects are kept for the benchmark."""
-SEARCH, OPERATOR, ACQUISITION, LOOP, FAILED = range(5)
-"""Kinds of episodes."""
-CONTACT = 0.05
-"""A fingertip that carries more is in contact [N]."""
-_KEYS = (
-    "joints",
-    "fingertips",
-    "gravity",
-    "tactile",
-    "command",
-    "draft",
-    "label",
-    "executed",
-    "joint_targets",
-    "label_joints",
-    "loads",
-    "expert",
-    "lost",
-    "step",
-    "episode",
-    "kind",
-)
+_KEYS = tuple(COLUMNS)
 _REPLAY_KEYS = ("shard", "row", "source", "chunk", "joints", "fingertips", "tactile", "loads", "lost")
 _REPLAY_STEPS = [DRAFT_HORIZON - 1 - back for back in FRAMES]
 """Replayed steps that are the frames of the state a horizon later."""
@@ -55,7 +36,7 @@ class CorpusData:
         DexFlexError: If the split may not be read, is empty or damaged.
     """
 
-    def __init__(self, folder: Path, split: str, operator_gain: float = 0.2) -> None:
+    def __init__(self, folder: Path, split: str, operator_gain: float = CORRECTION) -> None:
         paths = _shards(folder, split)
         parts: dict[str, list[Tensor]] = {key: [] for key in _KEYS}
         self.shard_offsets: dict[int, int] = {}

@@ -13,9 +13,10 @@ from lerobot_dexflex.controller.encoder import Encoder, State
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.prior import LAST_TIME, Prior
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
-from lerobot_dexflex.training.corpus_data import CONTACT, CorpusData
+from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.fit import FitConfig, Stage
 from lerobot_dexflex.training.metrics import choose, draw, roc_auc
 
@@ -92,7 +93,7 @@ class EncoderPriorStage(Stage):
         load = functional.mse_loss(log_loads, batch.loads.log1p())
         known = batch.continues
         contact = functional.binary_cross_entropy_with_logits(
-            later[known], (batch.loads_later[known] > CONTACT).float()
+            later[known], (batch.loads_later[known] > CONTACT_FORCE).float()
         )
         loss = flow + consistency + self._config.readout_weight * (load + contact)
         parts = {"flow": flow, "consistency": consistency, "load": load, "contact": contact}
@@ -129,7 +130,7 @@ class EncoderPriorStage(Stage):
         rows = choose(self._continuing[1].nonzero().flatten(), 8 * self._config.held_out_rows, seed=1)
         batch = _gather(self._tune, rows, self._continuing[1])
         metrics = {}
-        truth = (batch.loads_later > CONTACT).flatten()
+        truth = (batch.loads_later > CONTACT_FORCE).flatten()
         for name, history in {"": batch.history, "_no_touch": batch.history.without_touch()}.items():
             log_loads, later = encoder.readout(encoder(history))
             metrics[f"contact_later_auc{name}"] = roc_auc(later.flatten(), truth)

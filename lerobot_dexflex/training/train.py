@@ -12,6 +12,7 @@ from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.experts.reach.operator import CORRECTION
 from lerobot_dexflex.training.bank import BankConfig, ProposalBank
 from lerobot_dexflex.training.corpus_data import CorpusData, ReplayData
 from lerobot_dexflex.training.decoder import DecoderConfig, DecoderStage
@@ -60,7 +61,7 @@ class TrainConfig:
     """Seed of initial weights and of all draws."""
     threads: int = 1
     """Threads of torch."""
-    operator_gain: float = 0.2
+    operator_gain: float = CORRECTION
     """Share of the commanded fingertips' error that the corpus's operator takes back per step."""
     network: NetworkConfig = field(default_factory=NetworkConfig)
     bank: BankConfig = field(default_factory=BankConfig)

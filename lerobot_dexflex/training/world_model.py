@@ -11,9 +11,10 @@ from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.encoder import State
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.world_model import Prediction, WorldModel
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
-from lerobot_dexflex.training.corpus_data import CONTACT, CorpusData, ReplayData
+from lerobot_dexflex.training.corpus_data import CorpusData, ReplayData
 from lerobot_dexflex.training.fit import FitConfig, Stage
 from lerobot_dexflex.training.metrics import choose, draw, roc_auc
 
@@ -167,8 +168,8 @@ def replayed(corpus: CorpusData, replays: ReplayData, index: Tensor) -> Batch:
 
 
 def _batch(now: History, chunk: Tensor, later: History, loads: Tensor, ending: Tensor, lost: Tensor) -> Batch:
-    loaded = loads > CONTACT
-    return Batch(now, chunk, later, loaded, loaded & (ending.amin(1) <= CONTACT), lost)
+    loaded = loads > CONTACT_FORCE
+    return Batch(now, chunk, later, loaded, loaded & (ending.amin(1) <= CONTACT_FORCE), lost)
 
 
 def _join(parts: list[Batch]) -> Batch:

@@ -1,11 +1,12 @@
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
-from lerobot_dexflex.corpus.env import CorpusEnv, episode_from_dict, episode_to_dict
+from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.world import Support, World, vary_object
-from lerobot_dexflex.envs.reach import ReachEnv
+from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
 from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.objects import ObjectSpec
 
@@ -19,7 +20,7 @@ def test_a_world_and_an_episode_survive_json(episode):
     stored = json.loads(json.dumps(world.to_dict()))
     assert json.loads(json.dumps(World.from_dict(stored).to_dict())) == stored
     assert World.from_dict(stored).gains == world.gains
-    assert episode_from_dict(json.loads(json.dumps(episode_to_dict(episode)))) == episode
+    assert ReachEpisode.from_dict(json.loads(json.dumps(asdict(episode)))) == episode
 
 
 def test_random_worlds_stay_within_their_ranges():

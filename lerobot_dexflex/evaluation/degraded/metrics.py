@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.loop import MAX_STEPS, Episode
-from lerobot_dexflex.envs.hand_env import CONTACT_FORCE
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from lerobot_dexflex.commands.loop import MAX_STEPS, Episode
-from lerobot_dexflex.envs.hand_env import CONTACT_FORCE
 from lerobot_dexflex.evaluation.degraded.metrics import around_events, measure, relative_error
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,9 @@ from lerobot_dexflex.envs.hand_env import Snapshot
 from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
 from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.goals import feasible_goal
-from lerobot_dexflex.experts.reach.object_controller import LOADED
 from lerobot_dexflex.experts.reach.operator import Operator, OperatorState
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
-from lerobot_dexflex.hand.objects import ObjectSpec
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.poses import pose_error
 
 Array = NDArray[np.float64]
@@ -65,15 +64,10 @@ class Chain:
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
         """Inverse of `to_json`."""
-        episode = dict(values["episode"])
-        spec: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in episode.pop("object_spec").items()
-        }
-        episode = {k: tuple(v) for k, v in episode.items()}
         goals = tuple(
             Goal(tuple(g["position"]), tuple(g["quaternion"]), g["gait"], g["steps"]) for g in values["goals"]
         )
-        return cls(values["seed"], ReachEpisode(ObjectSpec(**spec), **episode), goals)
+        return cls(values["seed"], ReachEpisode.from_dict(values["episode"]), goals)
 
 
 class HeldObject:
@@ -209,7 +203,7 @@ def _attempt(held: HeldObject, goal: Goal, index: int, noise: float, limit: int)
         if noise:
             displacement = displacement + rng.uniform(-noise, noise, (4, 3))
         state = held.execute(displacement)
-        loose = 0 if (state.loads > LOADED).sum() >= 2 else loose + 1
+        loose = 0 if (state.loads > CONTACT_FORCE).sum() >= 2 else loose + 1
         if loose >= _LOST_STEPS or np.linalg.norm(state.position - held.home) > _LOST_DISTANCE:
             return 0
         distance, angle = pose_error(

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.hand import kinematics, leap
+from lerobot_dexflex.hand import contacts, kinematics, leap
 
 Array = NDArray[np.float64]
 
@@ -20,8 +20,8 @@ _POSITION, _ROTATION = (
 )
 _TIP = np.array([leap.TIP_POSITION[f] for f in leap.FINGERS])
 _POSTURE_WEIGHT = kinematics.POSTURE_WEIGHT
-_DAMPING, _MAX_JOINT_STEP = 0.01, 0.5
-_TORQUE_SCALE, _PRELOAD_WEIGHT = 40.0, 0.3
+_DAMPING, _MAX_JOINT_STEP = kinematics.DAMPING, kinematics.MAX_JOINT_STEP
+_TORQUE_SCALE, _PRELOAD_WEIGHT = contacts.TORQUE_SCALE, contacts.PRELOAD_WEIGHT
 _SWEEPS = 60
 
 

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
 from lerobot_dexflex.hand import leap
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.poses import quaternion_matrix, quaternion_of, quaternion_product, rotation_between
 
 Array = NDArray[np.float64]
 
-LOADED = 0.05
-"""A fingertip carries load from this normal force on [N]."""
 LIFT_STEPS, LIFT_HEIGHT = 8, 0.018
 """A gaiting finger lifts off so far [m] in so many control steps."""
 SWING_SPEED, SWING_STEPS, APPROACH = 0.006, 30, 0.012
@@ -91,7 +90,7 @@ class ObjectController:
     ) -> None:
         self.senses, self.speed, self.preload = senses, speed, preload
         now = senses.read()
-        touching = now.loads > LOADED
+        touching = now.loads > CONTACT_FORCE
         self.fingers = FingerStates(
             mode=np.where(touching, int(Mode.HOLD), int(Mode.PARKED)),
             anchor=(now.tips - now.position) @ now.rotation,
@@ -122,7 +121,7 @@ class ObjectController:
     def regrasp(self, finger: int, anchor: Array, inward: Array) -> None:
         """Send a finger to a new anchor [m] (3,) with contact normal `inward` (3,), in the object's frame."""
         fingers, now = self.fingers, self.senses.read()
-        lifted = now.loads[finger] <= LOADED
+        lifted = now.loads[finger] <= CONTACT_FORCE
         fingers.mode[finger] = Mode.SWING if lifted else Mode.LIFT
         fingers.timer[finger], fingers.push[finger] = 0, 0.0
         fingers.free[finger] = (now.tips[finger] - now.position) @ now.rotation
@@ -146,15 +145,15 @@ class ObjectController:
         tips, inward = (now.tips - now.position) @ now.rotation, now.inward @ now.rotation
         for k in range(4):
             load = now.loads[k]
-            if fingers.mode[k] == Mode.PARKED and load > 2 * LOADED:
+            if fingers.mode[k] == Mode.PARKED and load > 2 * CONTACT_FORCE:
                 self._hold(k, tips[k], inward[k])
             if fingers.mode[k] != Mode.HOLD:
                 continue
-            fingers.timer[k] = 0 if load > LOADED else fingers.timer[k] + 1
+            fingers.timer[k] = 0 if load > CONTACT_FORCE else fingers.timer[k] + 1
             missing = float(np.linalg.norm(fingers.forces[k])) - load
             push = _PUSH_STEP if fingers.timer[k] >= 2 else _FORCE_GAIN * missing
             fingers.push[k] = np.clip(fingers.push[k] + push, *_PUSH_LIMITS)
-            if load > 2 * LOADED:
+            if load > 2 * CONTACT_FORCE:
                 fingers.anchor[k] += _REANCHOR * (tips[k] - fingers.anchor[k])
                 normal = fingers.inward[k] + _REALIGN * (inward[k] - fingers.inward[k])
                 fingers.inward[k] = normal / max(float(np.linalg.norm(normal)), 1e-9)
@@ -167,7 +166,7 @@ class ObjectController:
     def _pace(self, now: HandState) -> float:
         """Return the share of the reference's speed that the contacts allow."""
         fingers = self.fingers
-        loaded = now.loads > LOADED
+        loaded = now.loads > CONTACT_FORCE
         if loaded.sum() < 2:
             return 0.0
         lost = (fingers.mode == Mode.HOLD) & (fingers.timer >= 2)
@@ -217,7 +216,7 @@ class ObjectController:
                 depth = min(PRESS, -APPROACH + PLACE_SPEED * timer)
                 local = fingers.next_anchor[k] + depth * fingers.next_inward[k]
                 done = False
-                if now.loads[k] > 3 * LOADED:
+                if now.loads[k] > 3 * CONTACT_FORCE:
                     self._hold(k, (now.tips[k] - now.position) @ now.rotation, fingers.next_inward[k].copy())
                 elif timer > PLACE_STEPS:
                     fingers.mode[k] = Mode.PARKED

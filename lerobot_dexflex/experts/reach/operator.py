@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.experts.reach import kernels
-from lerobot_dexflex.experts.reach.object_controller import LOADED, Mode, ObjectController
+from lerobot_dexflex.experts.reach.object_controller import Mode, ObjectController
 from lerobot_dexflex.experts.reach.regrasp import regrasp_points
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.surfaces import surface_samples
 
 Array = NDArray[np.float64]
@@ -85,7 +86,7 @@ class Operator:
         The other three must be able to hold the object.
         """
         now, controller = self.senses.read(), self.controller
-        loaded = now.loads > 2 * LOADED
+        loaded = now.loads > 2 * CONTACT_FORCE
         if controller.gaiting or loaded.sum() < 3:
             return False
         for finger in self._rng.permutation(4) if loaded.all() else np.flatnonzero(~loaded):
@@ -112,7 +113,7 @@ class Operator:
         self._cool_down = max(0, self._cool_down - 1)
         controller = self.controller
         fingers = controller.fingers
-        if self._cool_down or controller.gaiting or (now.loads > LOADED).sum() != 2:
+        if self._cool_down or controller.gaiting or (now.loads > CONTACT_FORCE).sum() != 2:
             return
         lost = (fingers.mode == Mode.PARKED) | ((fingers.mode == Mode.HOLD) & (fingers.timer > _PATIENCE))
         if lost.any():

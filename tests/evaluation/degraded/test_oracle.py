@@ -18,7 +18,7 @@ def chain():
 
 
 def test_letting_go_costs_a_grasp_and_trying_it_out_changes_nothing(chain):
-    slot = Slot(ReachEnv(cameras=()), chain, Corruption(), 0, None)
+    slot = Slot(ReachEnv(cameras=()), chain, Corruption(), 0)
     before = slot.held.env.snapshot()
     hold, open_hand = np.zeros((2, 8, 4, 3))
     away = slot.held.command - slot.state.position
