@@ -200,7 +200,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
         else:
             rows = torch.arange(len(best), device=best.device)
             chunk, outcome = chunks[rows, best], latent[rows, best]
-        residual = self.decode(state, chunk, outcome)
+        residual = self.decode(state, chunk, outcome) * float(settings.use_residual)
         return Selection(settings.output_gain * chunk, residual, best, score, candidates, dream)
 
     def part_sizes(self) -> dict[str, int]:

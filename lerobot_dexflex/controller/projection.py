@@ -1,9 +1,10 @@
 """Repair a draft by what touch says of the grasp: the analytic member of the candidate set.
 
 Fingers that carry the object move together: their common rigid motion passes, what they do against each
-other is damped, since it changes squeeze and shear, not the object. A small servo holds the squeeze, and a
-finger that carried load a moment ago leaves the object only slowly. Rigid-motion and freeze-a-finger
-candidates were the favourites of the simulator oracle in our prototype; this is their closed form.
+other is damped, and not passed at all where it would open the grasp. All goes slowly. A small servo holds
+the squeeze, and a finger that lost the object a moment ago returns to it. Rigid-motion and freeze-a-finger
+candidates were the favourites of the simulator oracle in our prototype; this is their closed form, with
+gains found by random search on training objects (log in `eval/README.md`).
 """
 
 import torch
@@ -18,7 +19,7 @@ _ENOUGH = 3
 """Fingers that must carry load for a rigid motion to be more than a guess."""
 _RECENT = 3
 """Newest frames (now, 1 and 3 steps ago) in which a load counts as recent."""
-_MAX_SQUEEZE, _MAX_RELEASE = 0.0015, 0.001
+_MAX_SQUEEZE, _MAX_RELIEF = 0.0015, 0.001
 """Largest displacement of the squeeze servo, inward and outward [m]."""
 _REGULAR = (1e-9, 1e-6)
 """Regularisation of the fit, [1] for translation and [m^2] for rotation."""
@@ -27,11 +28,11 @@ _REGULAR = (1e-9, 1e-6)
 def project_draft(draft: Tensor, history: History, settings: ProjectionSettings) -> Tensor:
     """Return the draft as a motion that keeps loaded fingertips on the object.
 
-    A finger whose touch is missing counts as free; without any touch only `settings.gain` acts.
+    A finger whose touch is missing counts as free; without any touch only `free_gain` and `speed` act.
 
     Args:
         draft: Displacements of the commanded fingertips [m]. Shape (batch, horizon, 4, 3).
-        history: The state; its newest frame and loads are read.
+        history: The state; its newest frames and loads are read.
         settings: Gains and limits.
 
     Returns:
@@ -40,16 +41,18 @@ def project_draft(draft: Tensor, history: History, settings: ProjectionSettings)
     loads = history.tactile[:, :_RECENT].sum((-1, -2)).double()  # (batch, frames, 4)
     loads = loads.masked_fill(history.tactile_missing[:, None], 0.0)
     loaded, recent = loads[:, 0] > CONTACT_FORCE, (loads > CONTACT_FORCE).any(1)  # (batch, 4)
-    asked = draft.double()
-    held = (loaded & (loaded.sum(1, keepdim=True) >= _ENOUGH))[:, None, :, None]
-    rigid = _rigid_motion(asked, history.fingertips[:, 0].double(), loaded.double())
-    moved = settings.gain * torch.where(held, rigid + settings.internal_gain * (asked - rigid), asked)
     inward = pads(history.joints[:, 0].double())[1][:, None]  # (batch, 1, 4, 3): out of the pad
-    squeeze = (settings.squeeze_gain * (settings.preload - loads[:, 0])).clamp(-_MAX_RELEASE, _MAX_SQUEEZE)
-    moved = moved + (squeeze * recent)[:, None, :, None] * inward
-    toward = (moved * inward).sum(-1, keepdim=True)
-    too_fast = (-settings.release_speed - toward).clamp(min=0) * recent[:, None, :, None]
-    return (moved + too_fast * inward).to(draft.dtype)
+    asked = draft.double()
+    rigid = _rigid_motion(asked, history.fingertips[:, 0].double(), loaded.double())
+    internal = asked - rigid
+    opening = (internal * inward).sum(-1, keepdim=True).clamp(max=0.0)
+    held = (loaded & (loaded.sum(1, keepdim=True) >= _ENOUGH))[:, None, :, None]
+    together = rigid + settings.internal_gain * (internal - opening * inward)
+    moved = torch.where(held, settings.gain * together, settings.free_gain * asked)
+    moved = moved * (settings.speed / moved.norm(dim=-1, keepdim=True).clamp(min=1e-9)).clamp(max=1.0)
+    squeeze = (settings.squeeze_gain * (settings.preload - loads[:, 0])).clamp(-_MAX_RELIEF, _MAX_SQUEEZE)
+    toward = (squeeze + settings.return_speed * ~loaded) * recent
+    return (moved + toward[:, None, :, None] * inward).to(draft.dtype)
 
 
 def _rigid_motion(displacements: Tensor, tips: Tensor, weights: Tensor) -> Tensor:

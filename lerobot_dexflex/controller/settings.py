@@ -10,22 +10,26 @@ SEEDS = ("draft", "mean")
 
 @dataclass(frozen=True)
 class ProjectionSettings:
-    """Gains and limits of the contact projection, chosen on tuning objects (log in `eval/README.md`).
+    """Gains and limits of the contact projection, found on training objects (log in `eval/README.md`).
 
     Raises:
         DexFlexError: If a value is negative or no number.
     """
 
     gain: float = 0.6
-    """Share of the draft that is executed."""
-    internal_gain: float = 0.5
-    """Share of what loaded fingers do against each other that passes."""
-    squeeze_gain: float = 1e-4
+    """Share of the draft that loaded fingers execute."""
+    free_gain: float = 0.3
+    """Share of the draft that free fingers execute, and all while fewer than three carry load."""
+    internal_gain: float = 0.2
+    """Share of what loaded fingers do against each other that passes, unless it opens the grasp."""
+    speed: float = 1e-3
+    """Largest displacement of a fingertip before the squeeze is added [m] per step."""
+    squeeze_gain: float = 7e-5
     """Inward displacement per missing newton and step [m/N]."""
-    preload: float = 1.2
+    preload: float = 2.0
     """Normal force that the squeeze servo aims at [N]."""
-    release_speed: float = 5e-4
-    """Largest displacement off the object of a recently loaded finger [m] per step."""
+    return_speed: float = 1.2e-3
+    """Inward displacement of a finger that lost the object up to 3 steps ago [m] per step."""
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -51,7 +55,7 @@ class SelectionSettings:
     project: bool = True
     """Whether the contact projection of the draft is a candidate, and what draft-seeded ones start from."""
     projection: ProjectionSettings = field(default_factory=ProjectionSettings)
-    contact_bias: float = 6.0
+    contact_bias: float = 12.0
     """Added to the score of the contact projection: how much better another candidate must look."""
     levels: tuple[float, ...] = (0.5, 0.75)
     """Flow times at which draft-seeded candidates start: 0 is pure noise, 1 the draft itself."""
@@ -71,6 +75,8 @@ class SelectionSettings:
     """Whether the encoder sees touch."""
     use_slow: bool = True
     """Whether the networks see the slow token."""
+    use_residual: bool = True
+    """Whether the decoder corrects the joint targets."""
     output_gain: float = 1.0
     """Scale of the executed displacement."""
     seed: int = 0

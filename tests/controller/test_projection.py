@@ -12,16 +12,19 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS
 from lerobot_dexflex.hand.kinematics import fingertips, pads
 
-PLAIN = ProjectionSettings(gain=1.0, internal_gain=0.0, squeeze_gain=0.0, release_speed=1.0)
+PLAIN = ProjectionSettings(
+    gain=1.0, free_gain=1.0, internal_gain=0.0, speed=1.0, squeeze_gain=0.0, return_speed=0.0
+)
 JOINTS = torch.tensor(NOMINAL_JOINTS, dtype=torch.float64)[None]
 TIPS = fingertips(JOINTS)
 INWARD = pads(JOINTS)[1]
 
 
-def history(loads: list[float], missing: tuple[int, ...] = ()) -> History:
-    """Return a still hand whose fingers carry these loads [N]."""
+def history(loads: list[float], missing: tuple[int, ...] = (), before: list[float] | None = None) -> History:
+    """Return a still hand whose fingers carry these loads [N], and carried others `before` the last step."""
     tactile = torch.zeros(1, 4, 4, 10, 6)
-    tactile[..., 5, 3] = torch.tensor(loads)
+    tactile[..., 5, 3] = torch.tensor(before or loads)
+    tactile[:, 0, :, 5, 3] = torch.tensor(loads)
     hidden = torch.zeros(1, 4, dtype=torch.bool)
     hidden[0, list(missing)] = True
     return History(
@@ -54,11 +57,12 @@ def test_a_rigid_motion_of_the_object_passes():
 
 
 def test_fingers_working_against_each_other_are_damped():
-    together = held(-0.05 * (TIPS - TIPS.mean(1, keepdim=True)))  # No rigid motion brings tips closer.
-    damped = project_draft(together, history([1.0] * 4), PLAIN)
-    half = project_draft(together, history([1.0] * 4), dataclasses.replace(PLAIN, internal_gain=0.5))
+    closer = held(-0.05 * (TIPS - TIPS.mean(1, keepdim=True)))  # No rigid motion brings tips closer.
+    damped = project_draft(closer, history([1.0] * 4), PLAIN)
     torch.testing.assert_close(damped, torch.zeros_like(damped), atol=1e-5, rtol=0)
-    torch.testing.assert_close(half, together / 2, atol=1e-5, rtol=0)
+    half = project_draft(closer, history([1.0] * 4), dataclasses.replace(PLAIN, internal_gain=0.5))
+    closing = (closer * INWARD[:, None]).sum(-1, keepdim=True).clamp(max=0) * INWARD[:, None]
+    torch.testing.assert_close(half, (closer - closing) / 2, atol=1e-5, rtol=0)
 
 
 def test_a_free_finger_goes_where_it_is_sent():
@@ -68,13 +72,30 @@ def test_a_free_finger_goes_where_it_is_sent():
     torch.testing.assert_close(moved, draft, atol=1e-5, rtol=0)
 
 
-def test_a_loaded_finger_leaves_slowly():
-    settings = dataclasses.replace(PLAIN, internal_gain=1.0, release_speed=0.0005)
-    away = torch.zeros(1, 4, 3, dtype=torch.float64)
-    away[:, 1] = -0.003 * INWARD[:, 1]
-    moved = project_draft(held(away), history([1.0] * 4), settings)
-    speed = -(moved * INWARD[:, None]).sum(-1)
-    assert speed[0, 0, 1] == pytest.approx(0.0005, abs=1e-6)
+def test_loaded_fingers_do_not_open_the_grasp():
+    settings = dataclasses.replace(PLAIN, internal_gain=1.0)
+    apart = -0.002 * INWARD[:, None].expand(1, 8, 4, 3)
+    moved = project_draft(apart, history([1.0] * 4), settings)
+    rest = moved - project_draft(apart, history([1.0] * 4), PLAIN)  # Without the common motion.
+    assert (rest * INWARD[:, None]).sum(-1).min() > -1e-9
+
+
+def test_no_finger_is_faster_than_the_limit():
+    moved = project_draft(
+        5 * rigid(), history([1.0, 1.0, 1.0, 0.0]), dataclasses.replace(PLAIN, speed=0.0005)
+    )
+    speed = moved.norm(dim=-1)
+    torch.testing.assert_close(speed, torch.full_like(speed, 0.0005))
+
+
+def test_a_finger_that_lost_the_object_returns():
+    settings = dataclasses.replace(PLAIN, return_speed=0.001)
+    still = torch.zeros(1, 8, 4, 3, dtype=torch.float64)
+    moved = project_draft(still, history([0.0, 1.0, 1.0, 0.0], before=[1.0, 1.0, 1.0, 0.0]), settings)
+    toward = (moved * INWARD[:, None]).sum(-1)[0, 0]
+    torch.testing.assert_close(
+        toward, torch.tensor([1e-3, 0.0, 0.0, 0.0], dtype=torch.float64), atol=1e-9, rtol=0
+    )
 
 
 def test_too_little_load_is_pressed_and_too_much_relieved():
@@ -87,8 +108,8 @@ def test_too_little_load_is_pressed_and_too_much_relieved():
     )
 
 
-def test_without_touch_only_the_gain_is_left():
-    settings = ProjectionSettings(gain=0.5)
+def test_without_touch_only_gain_and_limit_are_left():
+    settings = ProjectionSettings(free_gain=0.5, speed=1.0)
     moved = project_draft(rigid(), history([1.0] * 4, missing=(0, 1, 2, 3)), settings)
     torch.testing.assert_close(moved, 0.5 * rigid(), atol=1e-9, rtol=0)
 
@@ -103,5 +124,5 @@ def test_rows_do_not_depend_on_each_other():
 
 
 def test_negative_settings_are_refused():
-    with pytest.raises(DexFlexError, match="release_speed"):
-        ProjectionSettings(release_speed=-1.0)
+    with pytest.raises(DexFlexError, match="return_speed"):
+        ProjectionSettings(return_speed=-1.0)
