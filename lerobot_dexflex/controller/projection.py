@@ -1,10 +1,12 @@
 """Repair a draft by what touch says of the grasp: the analytic member of the candidate set.
 
 Fingers that carry the object move together: their common rigid motion passes, what they do against each
-other is damped, and not passed at all where it would open the grasp. All goes slowly. A small servo holds
-the squeeze, and a finger that lost the object a moment ago returns to it. Rigid-motion and freeze-a-finger
-candidates were the favourites of the simulator oracle in our prototype; this is their closed form, with
-gains found by random search on training objects (log in `eval/README.md`).
+other is damped, and not passed at all where it would open the grasp. Everything goes slowly. A small servo
+holds the squeeze, and a finger that lost the object a moment ago returns to it. Where there is no
+grasp to protect, because none has formed yet or the drafts ask to let go for long enough, they pass as they
+are. Rigid-motion and freeze-a-finger candidates were the favourites of the simulator oracle in our
+prototype; this is their closed form, with gains found by random search on training objects (log in
+`eval/README.md`).
 """
 
 import torch
@@ -14,45 +16,63 @@ from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.settings import ProjectionSettings
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import pads
+from lerobot_dexflex.interfaces.protocol import FINGERS
 
-_ENOUGH = 3
-"""Fingers that must carry load for a rigid motion to be more than a guess."""
+_PAIR, _ENOUGH = 2, 3
+"""Loaded fingers that make a grasp worth protecting; and that make its motion more than a guess."""
 _RECENT = 3
 """Newest frames (now, 1 and 3 steps ago) in which a load counts as recent."""
+_THUMB, _LET_GO = FINGERS.index("thumb"), 0.002
+"""A hand is to let go where recent drafts take thumb and two fingers outward, on average so fast [m]."""
 _MAX_SQUEEZE, _MAX_RELIEF = 0.0015, 0.001
 """Largest displacement of the squeeze servo, inward and outward [m]."""
 _REGULAR = (1e-9, 1e-6)
 """Regularisation of the fit, [1] for translation and [m^2] for rotation."""
 
 
-def project_draft(draft: Tensor, history: History, settings: ProjectionSettings) -> Tensor:
+def project_draft(
+    draft: Tensor, history: History, drafts_history: Tensor, settings: ProjectionSettings
+) -> Tensor:
     """Return the draft as a motion that keeps loaded fingertips on the object.
 
-    A finger whose touch is missing counts as free; without any touch only `free_gain` and `speed` act.
+    A finger whose touch is missing counts as free. Without any touch it cannot be known whether there is a
+    grasp: only `free_gain` and `speed` act.
 
     Args:
         draft: Displacements of the commanded fingertips [m]. Shape (batch, horizon, 4, 3).
-        history: The state; its newest frames and loads are read.
+        history: The state; its newest frames, and its loads of the last 28 steps, are read.
+        drafts_history: First displacements of earlier drafts [m]. Shape (batch, 8, 4, 3).
         settings: Gains and limits.
 
     Returns:
         Shape of `draft`.
     """
+    missing = history.tactile_missing[:, None]
     loads = history.tactile[:, :_RECENT].sum((-1, -2)).double()  # (batch, frames, 4)
-    loads = loads.masked_fill(history.tactile_missing[:, None], 0.0)
+    loads = loads.masked_fill(missing, 0.0)
     loaded, recent = loads[:, 0] > CONTACT_FORCE, (loads > CONTACT_FORCE).any(1)  # (batch, 4)
     inward = pads(history.joints[:, 0].double())[1][:, None]  # (batch, 1, 4, 3): out of the pad
     asked = draft.double()
-    rigid = _rigid_motion(asked, history.fingertips[:, 0].double(), loaded.double())
+    tips = history.fingertips[:, 0].double()
+    rigid = _rigid_motion(asked, tips, loaded.double())
     internal = asked - rigid
-    opening = (internal * inward).sum(-1, keepdim=True).clamp(max=0.0)
+    normal = (internal * inward).sum(-1, keepdim=True)
+    closing = settings.closing_gain * normal.clamp(min=0)
+    together = rigid + settings.internal_gain * (internal - normal * inward) + closing * inward
     held = (loaded & (loaded.sum(1, keepdim=True) >= _ENOUGH))[:, None, :, None]
-    together = rigid + settings.internal_gain * (internal - opening * inward)
     moved = torch.where(held, settings.gain * together, settings.free_gain * asked)
     moved = moved * (settings.speed / moved.norm(dim=-1, keepdim=True).clamp(min=1e-9)).clamp(max=1.0)
     squeeze = (settings.squeeze_gain * (settings.preload - loads[:, 0])).clamp(-_MAX_RELIEF, _MAX_SQUEEZE)
     toward = (squeeze + settings.return_speed * ~loaded) * recent
-    return (moved + toward[:, None, :, None] * inward).to(draft.dtype)
+    moved = moved + toward[:, None, :, None] * inward
+
+    slow = history.slow_loads.masked_fill(missing, 0.0) > CONTACT_FORCE  # (batch, 8, 4)
+    formed = (slow.sum(-1) >= _PAIR).any(1) & recent.any(1)
+    outward = -(drafts_history.double().mean(1) * inward[:, 0]).sum(-1) > _LET_GO  # (batch, 4)
+    leaving = outward[:, _THUMB] & (outward.sum(1) >= _ENOUGH)
+    blind = missing.flatten(1).all(1)
+    protect = (formed & ~leaving) | blind
+    return torch.where(protect[:, None, None, None], moved, asked).to(draft.dtype)
 
 
 def _rigid_motion(displacements: Tensor, tips: Tensor, weights: Tensor) -> Tensor:

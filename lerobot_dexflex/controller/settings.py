@@ -21,7 +21,9 @@ class ProjectionSettings:
     free_gain: float = 0.3
     """Share of the draft that free fingers execute, and all while fewer than three carry load."""
     internal_gain: float = 0.2
-    """Share of what loaded fingers do against each other that passes, unless it opens the grasp."""
+    """Share of what loaded fingers do against each other, along their surfaces, that passes."""
+    closing_gain: float = 1.0
+    """Share of what they do against each other, into the object, that passes; out of it nothing does."""
     speed: float = 1e-3
     """Largest displacement of a fingertip before the squeeze is added [m] per step."""
     squeeze_gain: float = 7e-5

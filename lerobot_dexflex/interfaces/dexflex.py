@@ -75,11 +75,11 @@ class DexFlexInterface(LearnedInterface):
         draft = sensed.draft.draft.float()
         history = sensed.history if self.settings.use_touch else sensed.history.without_touch()
         state = self._encode(history)
-        repaired = project_draft(draft, history, self.settings.projection) if self.settings.project else None
-        selection = self.controller.select(
-            state, draft, sensed.drafts_history, self.settings, repaired=repaired
-        )
-        choice = self._explain(state, draft, sensed.drafts_history, selection)
+        past, repaired = sensed.drafts_history, None
+        if self.settings.project:
+            repaired = project_draft(draft, history, past, self.settings.projection)
+        selection = self.controller.select(state, draft, past, self.settings, repaired=repaired)
+        choice = self._explain(state, draft, past, selection)
         age = torch.zeros(len(draft), dtype=torch.int64, device=draft.device)
         return Plan(selection.chunk, selection.residual, choice, age)
 

@@ -5,15 +5,20 @@ import dataclasses
 import pytest
 import torch
 
-from lerobot_dexflex.controller import History
-from lerobot_dexflex.controller.projection import project_draft
+from lerobot_dexflex.controller import History, projection
 from lerobot_dexflex.controller.settings import ProjectionSettings
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS
 from lerobot_dexflex.hand.kinematics import fingertips, pads
 
 PLAIN = ProjectionSettings(
-    gain=1.0, free_gain=1.0, internal_gain=0.0, speed=1.0, squeeze_gain=0.0, return_speed=0.0
+    gain=1.0,
+    free_gain=1.0,
+    internal_gain=0.0,
+    closing_gain=1.0,
+    speed=1.0,
+    squeeze_gain=0.0,
+    return_speed=0.0,
 )
 JOINTS = torch.tensor(NOMINAL_JOINTS, dtype=torch.float64)[None]
 TIPS = fingertips(JOINTS)
@@ -33,9 +38,18 @@ def history(loads: list[float], missing: tuple[int, ...] = (), before: list[floa
         torch.tensor([[0.0, 0.0, -1.0]]),
         tactile,
         hidden,
-        torch.tensor(loads).expand(1, 8, 4),
+        torch.tensor(before or loads).expand(1, 8, 4),
         TIPS.float()[:, None].expand(1, 8, 4, 3),
         torch.zeros(1, dtype=torch.bool),
+    )
+
+
+def project_draft(
+    draft: torch.Tensor, seen: History, settings: ProjectionSettings, past: torch.Tensor | None = None
+) -> torch.Tensor:
+    """Project a draft that follows `past` ones, or still ones."""
+    return projection.project_draft(
+        draft, seen, torch.zeros(len(draft), 8, 4, 3) if past is None else past, settings
     )
 
 
@@ -56,20 +70,14 @@ def test_a_rigid_motion_of_the_object_passes():
     torch.testing.assert_close(moved, rigid(), atol=1e-5, rtol=0)
 
 
-def test_fingers_working_against_each_other_are_damped():
+def test_fingers_working_against_each_other_are_damped_and_may_close():
     closer = held(-0.05 * (TIPS - TIPS.mean(1, keepdim=True)))  # No rigid motion brings tips closer.
+    along = (closer * INWARD[:, None]).sum(-1, keepdim=True)
+    closing, beside = along.clamp(min=0) * INWARD[:, None], closer - along * INWARD[:, None]
     damped = project_draft(closer, history([1.0] * 4), PLAIN)
-    torch.testing.assert_close(damped, torch.zeros_like(damped), atol=1e-5, rtol=0)
+    torch.testing.assert_close(damped, closing, atol=1e-5, rtol=0)
     half = project_draft(closer, history([1.0] * 4), dataclasses.replace(PLAIN, internal_gain=0.5))
-    closing = (closer * INWARD[:, None]).sum(-1, keepdim=True).clamp(max=0) * INWARD[:, None]
-    torch.testing.assert_close(half, (closer - closing) / 2, atol=1e-5, rtol=0)
-
-
-def test_a_free_finger_goes_where_it_is_sent():
-    draft = rigid().clone()
-    draft[:, :, 0] += 0.003
-    moved = project_draft(draft, history([0.0, 1.0, 1.0, 1.0]), PLAIN)
-    torch.testing.assert_close(moved, draft, atol=1e-5, rtol=0)
+    torch.testing.assert_close(half, closing + beside / 2, atol=1e-5, rtol=0)
 
 
 def test_loaded_fingers_do_not_open_the_grasp():
@@ -78,6 +86,27 @@ def test_loaded_fingers_do_not_open_the_grasp():
     moved = project_draft(apart, history([1.0] * 4), settings)
     rest = moved - project_draft(apart, history([1.0] * 4), PLAIN)  # Without the common motion.
     assert (rest * INWARD[:, None]).sum(-1).min() > -1e-9
+
+
+def test_a_hand_without_a_grasp_is_left_alone():
+    touching = history([1.0, 0.0, 0.0, 0.0])
+    draft = 5 * rigid()
+    torch.testing.assert_close(project_draft(draft, touching, ProjectionSettings()), draft, atol=1e-9, rtol=0)
+    lost = touching._replace(slow_loads=history([1.0] * 4).slow_loads)  # Held a moment ago.
+    slower = project_draft(draft, lost, ProjectionSettings())
+    assert (slower.norm(dim=-1) < draft.norm(dim=-1)).any()
+
+
+def test_it_lets_go_where_the_drafts_insist():
+    open_hand = -0.008 * INWARD[:, None].expand(1, 8, 4, 3)
+    four = history([1.0] * 4)
+    insisting = project_draft(open_hand, four, ProjectionSettings(), past=open_hand)
+    torch.testing.assert_close(insisting, open_hand, atol=1e-9, rtol=0)
+    one = open_hand.clone()
+    one[:, :, 2:] = 0.0  # Two fingers are no release.
+    for past in (None, one):
+        moved = project_draft(open_hand, four, ProjectionSettings(), past=past)
+        assert -(moved * INWARD[:, None]).sum(-1).min() < 0.0015
 
 
 def test_no_finger_is_faster_than_the_limit():

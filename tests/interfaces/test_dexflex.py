@@ -144,7 +144,8 @@ def test_the_contact_projection_is_executed_where_it_is_chosen():
     interface = flex(DexFlexController(), project=True, contact_bias=1e6)
     seen, draft = observation(2), draft_of(2)
     interface.step(seen, draft)
-    repaired = project_draft(draft, HistoryBuffer().observe(seen), interface.settings.projection)
+    past, settings = torch.zeros(2, 8, 4, 3), interface.settings.projection
+    repaired = project_draft(draft, HistoryBuffer().observe(seen), past, settings)
     moved = interface.command - fingertips(seen[STATE][:, -16:])
     torch.testing.assert_close(moved, repaired[:, 0].double(), rtol=0, atol=1e-6)
 

@@ -63,10 +63,9 @@ class OracleInterface(DexFlexInterface):
 
     def _choose(self, sensed: Sensed) -> Plan:
         draft, settings, history = sensed.draft.draft.float(), self.settings, sensed.history
-        repaired = project_draft(draft, history, settings.projection) if settings.project else None
-        candidates = self.controller.propose(
-            self._encode(history), draft, sensed.drafts_history, settings, repaired=repaired
-        )
+        past = sensed.drafts_history
+        repaired = project_draft(draft, history, past, settings.projection) if settings.project else None
+        candidates = self.controller.propose(self._encode(history), draft, past, settings, repaired=repaired)
         chunks = candidates.chunks
         best = torch.zeros(len(chunks), dtype=torch.int64)
         cost, lost, grasp = (
