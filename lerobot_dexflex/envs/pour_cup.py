@@ -30,7 +30,7 @@ HAND_OPEN = (
 """Open hand around the handle [rad]: pads 28 mm away from it."""
 
 PITCHER_RADIUS, PITCHER_HEIGHT = 0.040, 0.160
-"""Inner radius and height of the pitcher [m]; its frame is at the centre of its bottom, z up, x to the handle."""
+"""Inner radius and height of the pitcher [m]; its frame: origin at the bottom, z up, x to the handle."""
 HANDLE_HALF_SIZE = (0.008, 0.010, 0.067)
 HANDLE_CENTRE = (0.087, 0.0, 0.083)
 """Centre of the handle's bar in the pitcher's frame [m]: room for the fingertips between it and the wall."""
@@ -85,7 +85,7 @@ class PourCupEnv(HandEnv):
 
     def _sample_episode(self, rng: np.random.Generator) -> PourEpisode:
         return PourEpisode(
-            mass=rng.uniform(0.08, 0.14),
+            mass=rng.uniform(0.08, 0.15),
             balls=int(rng.integers(12, 17)),
             ball_mass=rng.uniform(0.001, 0.002),
             ball_turn=rng.uniform(-np.pi, np.pi),
@@ -102,7 +102,7 @@ class PourCupEnv(HandEnv):
         palm = robot.add_hand(
             spec, robot.add_arm(spec), tip_friction=(episode.tip_friction, *robot.TIP_FRICTION[1:])
         )
-        add_camera(spec, "front", position=(1.15, -0.15, 0.50), target=(0.50, -0.10, 0.12), fovy=42)
+        add_camera(spec, "front", position=(1.15, -0.15, 0.50), target=(0.47, -0.08, 0.15), fovy=38)
         add_wrist_camera(palm, position=(-0.05, 0.10, 0.02), target=(-0.05, -0.02, -0.17), fovy=75)
         _add_bowl(spec, episode.bowl)
         _add_pitcher(spec, episode.mass)
@@ -141,7 +141,7 @@ class PourCupEnv(HandEnv):
         touching = contact_names(self.model, self.data, "pitcher")
         position, rotation = self.pitcher_pose
         fingers = [f"{f}_ds" in touching for f in robot.FINGERS]
-        by_hand = any(name[:2] in robot.FINGERS or name == "palm" for name in touching)
+        by_hand = any(name[:2] in robot.FINGERS or name.startswith("palm") for name in touching)
         holding = fingers[3] and any(fingers[:3])
         inside, lost = self._count_balls()
         enough = SHARE * self.episode.balls
@@ -223,9 +223,7 @@ def _add_pitcher(spec: mujoco.MjSpec, mass: float) -> None:
     start, end = PITCHER_RADIUS + _WALL, x + HANDLE_HALF_SIZE[0]
     for side in (-1, 1):
         place = ((start + end) / 2, 0, z + side * (HANDLE_HALF_SIZE[2] + 0.004))
-        handle.append(
-            add_block(body, f"pitcher_strut{side}", ((end - start) / 2, 0.006, 0.004), place, dark)
-        )
+        handle.append(add_block(body, f"pitcher_strut{side}", ((end - start) / 2, 0.006, 0.004), place, dark))
     for geoms, share in ((parts, 1 - _HANDLE_SHARE), (handle, _HANDLE_SHARE)):
         for geom in geoms:
             geom.mass, geom.condim = share * mass / len(geoms), 4

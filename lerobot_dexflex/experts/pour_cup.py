@@ -1,4 +1,4 @@
-"""Demonstrate PourCup: three fingers against the thumb on the bar, tilt about the lip, set down, let go."""
+"""Demonstrate PourCup: three fingers against the thumb on the handle, tilt about the lip, set down, let go."""
 
 from collections.abc import Iterator
 
@@ -45,7 +45,7 @@ HAND_SQUEEZE = (
 ARM_FORWARD = (0.0, 0.56, 0.05, 0.63, 3.2, 1.5, -1.6)
 """Seed with the flange pointing forward [rad]."""
 ARM_TILTED = (-0.6, -0.5, 0.05, 0.65, 3.2, -0.75, -1.6)
-"""Seed with the flange pointing down, on the same branch: joint 6 has passed the wrist's singularity [rad]."""
+"""Seed with the flange pointing down, on the same branch, joint 6 beyond the wrist's singularity [rad]."""
 GRASP_RANGE = (-0.004, 0.004)
 """Where along the bar the hand grips, from its centre upward [m]."""
 PLACE = np.array([0.58, 0.04, 0.0])
@@ -53,10 +53,10 @@ PLACE = np.array([0.58, 0.04, 0.0])
 HOVER = (0.10, 0.20)
 """Pitcher upright in front of the bowl: how far behind the bowl's centre and how high its bottom [m]."""
 SPILL_TILT, FULL_TILT = 1.0, 2.04
-"""The wall then falls by 27 degrees, more than the balls' friction holds [rad]."""
+"""Tilts between which the pitcher turns slowly [rad]; at the last its wall falls by 27 degrees."""
 _LIP_CLEARANCE = 0.030
 _POUR_OFFSET = -0.035
-"""Lip before the bowl's centre while pouring [m]: the balls fly forward."""
+"""How far behind the bowl's centre the lip is while pouring [m]; negative, since the balls fly forward."""
 
 
 def demonstrate(env: PourCupEnv, rng: np.random.Generator) -> Iterator[Command]:
@@ -87,26 +87,26 @@ def demonstrate(env: PourCupEnv, rng: np.random.Generator) -> Iterator[Command]:
     bowl = np.array([*env.episode.bowl, 0.0])
     hover = upright_at(bowl, HOVER)
     yield from script.swing(*palm_for(hover), 28, ARM_FORWARD)
-    yield from script.swing(*palm_for(pouring_pose(bowl, SPILL_TILT)), 22, ARM_TILTED)
+    yield from script.swing(*palm_for(pouring_pose(bowl, SPILL_TILT)), 25, ARM_TILTED)
     held = script.in_palm(*env.pitcher_pose)
     for tilt in np.linspace(SPILL_TILT, FULL_TILT, 31)[1:]:
         yield script.step(*script.palm_for(held, *pouring_pose(bowl, tilt)))
     yield from script.hold(8)
-    for tilt in np.linspace(FULL_TILT, SPILL_TILT, 11)[1:]:
+    for tilt in np.linspace(FULL_TILT, SPILL_TILT, 14)[1:]:
         yield script.step(*script.palm_for(held, *pouring_pose(bowl, tilt)))
 
-    yield from script.swing(*palm_for(hover), 20, ARM_FORWARD)
+    yield from script.swing(*palm_for(hover), 23, ARM_FORWARD)
     above = Pose(PLACE + np.array([0, 0, 0.06]), rotation_matrix(np.array([0, 0, np.pi])))
     yield from script.swing(*palm_for(above), 22, ARM_FORWARD)
     yield from script.glide(*palm_for(above._replace(position=PLACE)), 14)
     yield from script.move_tips(tips_touch, 8, steady=True)
     yield from script.move_tips(tips_open, 8)
-    yield from script.glide(script.position + 0.10 * script.rotation[:, 2], script.rotation, 14)
+    yield from script.glide(script.position + 0.13 * script.rotation[:, 2], script.rotation, 15)
     yield from script.hold(14)
 
 
 def upright_at(bowl: Array, offset: tuple[float, float]) -> Pose:
-    """Return the pose of the upright pitcher before the bowl, its handle toward the robot.
+    """Return a pose of the upright pitcher near the bowl, its handle toward the robot.
 
     Args:
         bowl: Position of the bowl's foot, world frame [m]. Shape (3,).
