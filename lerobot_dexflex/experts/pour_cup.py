@@ -1,4 +1,4 @@
-"""Demonstrate PourCup: three fingers against the thumb on the handle, tilt about the lip, set down, let go."""
+"""Demonstrate PourCup: three fingers against the thumb on the bar, tilt about the lip, set down, let go."""
 
 from collections.abc import Iterator
 
