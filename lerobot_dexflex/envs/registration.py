@@ -27,6 +27,12 @@ TASKS = {
         "Pick up the hammer and hang it in the holder.",
         23,
     ),
+    "PourCup-v0": TaskInfo(
+        "lerobot_dexflex.envs.pour_cup:PourCupEnv",
+        320,
+        "Pour the balls into the bowl and put the pitcher down.",
+        23,
+    ),
     "Reach-v0": TaskInfo(
         "lerobot_dexflex.envs.reach:ReachEnv",
         200,

@@ -4,7 +4,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # rendering_scenes
+sys.path.insert(0, str(Path(__file__).parent))  # rendering_scenes, env_checks
 
 
 @pytest.fixture(params=["gl", "ray"])

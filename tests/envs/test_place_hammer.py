@@ -4,6 +4,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from env_checks import same, wiggle
 from gymnasium.utils.env_checker import check_env
 
 from lerobot_dexflex.envs.hand_env import HandEnv
@@ -17,17 +18,6 @@ SEED = 7
 @pytest.fixture(scope="module")
 def env():
     return PlaceHammerEnv(cameras=())
-
-
-def same(first, second) -> bool:
-    if isinstance(first, dict):
-        return first.keys() == second.keys() and all(same(first[key], second[key]) for key in first)
-    return np.array_equal(first, second)
-
-
-def wiggle(env: HandEnv, steps: int, seed: int = 0):
-    rng = np.random.default_rng(seed)
-    return [env.step(env.command + rng.normal(scale=0.01, size=23)) for _ in range(steps)]
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
