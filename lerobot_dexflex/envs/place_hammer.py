@@ -7,9 +7,16 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.envs.hand_env import HandEnv
-from lerobot_dexflex.envs.scene import add_camera, add_studio, add_table, add_wrist_camera
+from lerobot_dexflex.envs.scene import (
+    ContactSurface,
+    add_block,
+    add_camera,
+    add_studio,
+    add_table,
+    add_wrist_camera,
+)
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.hand.contacts import contact_names
 
 ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
 """Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
@@ -109,7 +116,7 @@ class PlaceHammerEnv(HandEnv):
         return np.add(self.episode.holder, (0.0, 0.0, HEAD_HALF_SIZE[2] - HEAD_CENTRE))
 
     def _update(self) -> dict[str, Any]:
-        touching = self._hammer_contacts()
+        touching = contact_names(self.model, self.data, "hammer")
         position, rotation = self.hammer_pose
         fingers = [f"{f}_ds" in touching for f in robot.FINGERS]
         by_hand = any(name[:2] in robot.FINGERS or name == "palm" for name in touching)
@@ -141,38 +148,6 @@ class PlaceHammerEnv(HandEnv):
             "holding": bool(holding),
         }
 
-    def _hammer_contacts(self) -> set[str]:
-        """Return what pushes on the hammer: names of bodies of the robot and of geoms of the scene."""
-        model, data = self.model, self.data
-        hammer = model.body("hammer").id
-        touching, force = set(), np.zeros(6)
-        for index, contact in enumerate(data.contact):
-            bodies = model.geom_bodyid[contact.geom]
-            if hammer not in bodies:
-                continue
-            mujoco.mj_contactForce(model, data, index, force)
-            other = int(bodies[0] == hammer)
-            geom = contact.geom[other]
-            if not model.body_jntnum[bodies[other]]:
-                touching.add(model.geom(geom).name)
-            elif force[0] > CONTACT_FORCE:
-                touching.add(model.body(bodies[other]).name)
-        return touching
-
-
-def _add_block(body: mujoco.MjsBody, name: str, half_size: Any, position: Any, rgba: Any) -> None:
-    contype, conaffinity = robot.WORLD_COLLISION
-    body.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=half_size,
-        pos=position,
-        contype=contype,
-        conaffinity=conaffinity,
-        friction=(0.6, 0.005, 0.0001),
-        rgba=rgba,
-    )
-
 
 def _add_cradle(spec: mujoco.MjSpec, episode: HammerEpisode) -> None:
     """Add a block under the head, which fixes the hammer's roll, and a rail under the handle's end."""
@@ -183,8 +158,8 @@ def _add_cradle(spec: mujoco.MjSpec, episode: HammerEpisode) -> None:
     )
     block = (CRADLE_HEIGHT - HEAD_HALF_SIZE[0]) / 2
     rail = (CRADLE_HEIGHT - episode.handle_radius) / 2
-    _add_block(cradle, "cradle_head", (0.014, 0.03, block), (HEAD_CENTRE, 0, block), brown)
-    _add_block(cradle, "cradle_tail", (0.005, 0.02, rail), (-0.073, 0, rail), brown)
+    add_block(cradle, "cradle_head", (0.014, 0.03, block), (HEAD_CENTRE, 0, block), brown)
+    add_block(cradle, "cradle_tail", (0.005, 0.02, rail), (-0.073, 0, rail), brown)
 
 
 def _add_holder(spec: mujoco.MjSpec, position: tuple[float, float, float]) -> None:
@@ -193,20 +168,14 @@ def _add_holder(spec: mujoco.MjSpec, position: tuple[float, float, float]) -> No
     blue = (0.15, 0.35, 0.75, 1)
     for k, side in enumerate((-1, 1)):
         size = (0.03, _PRONG_HALF_WIDTH, 0.004)
-        _add_block(holder, f"prong{k}", size, (0, side * _PRONG_OFFSET, -0.004), (0.15, 0.75, 0.35, 1))
-    _add_block(holder, "holder_back", (0.006, 0.05, 0.03), (0.036, 0, -0.006), blue)
+        add_block(holder, f"prong{k}", size, (0, side * _PRONG_OFFSET, -0.004), (0.15, 0.75, 0.35, 1))
+    add_block(holder, "holder_back", (0.006, 0.05, 0.03), (0.036, 0, -0.006), blue)
     half_height = position[2] / 2 - 0.01
-    _add_block(holder, "holder_post", (0.01, 0.01, half_height), (0.05, 0, -position[2] / 2), blue)
+    add_block(holder, "holder_post", (0.01, 0.01, half_height), (0.05, 0, -position[2] / 2), blue)
 
 
 def _add_hammer(spec: mujoco.MjSpec, episode: HammerEpisode) -> None:
-    contype, conaffinity = robot.WORLD_COLLISION
-    surface = {
-        "contype": contype,
-        "conaffinity": conaffinity,
-        "condim": 4,
-        "friction": (0.6, 0.005, 0.0001),
-    }
+    surface = ContactSurface(condim=4)._asdict()
     body = spec.worldbody.add_body(name="hammer")
     body.add_freejoint(name="hammer")
     body.add_geom(

@@ -1,6 +1,6 @@
 """Pieces that every scene shares: light, floor, table and cameras."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -8,6 +8,16 @@ import numpy as np
 from lerobot_dexflex.envs.rendering import add_lights, tune_visuals
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.body import Vector3
+
+
+class ContactSurface(NamedTuple):
+    """Contact settings of a scene's geoms, by MuJoCo's names."""
+
+    contype: int = robot.WORLD_COLLISION[0]
+    conaffinity: int = robot.WORLD_COLLISION[1]
+    condim: int = 3
+    friction: Vector3 = (0.6, 0.005, 0.0001)
+    """Sliding [1], torsional [m] and rolling [m]; fingertips overrule it."""
 
 
 def add_studio(spec: mujoco.MjSpec) -> None:
@@ -37,6 +47,20 @@ def add_table(spec: mujoco.MjSpec) -> None:
         conaffinity=conaffinity,
         friction=(0.8, 0.005, 0.0001),
         rgba=(0.62, 0.6, 0.56, 1),
+    )
+
+
+def add_block(
+    body: mujoco.MjsBody, name: str, half_size: Any, position: Any, rgba: Any
+) -> mujoco.MjsGeom:
+    """Add a box of the scene, half size and position in the body's frame [m]."""
+    return body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=half_size,
+        pos=position,
+        rgba=rgba,
+        **ContactSurface()._asdict(),
     )
 
 

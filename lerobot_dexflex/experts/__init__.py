@@ -6,7 +6,10 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.command import Command as Command
 from lerobot_dexflex.experts.command import Expert as Expert
 
-_EXPERTS = {"PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate"}
+_EXPERTS = {
+    "AssembleTable-v0": "lerobot_dexflex.experts.assemble_table:demonstrate",
+    "PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate",
+}
 
 
 def make_expert(task: str) -> Expert:

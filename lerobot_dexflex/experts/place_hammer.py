@@ -5,15 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from lerobot_dexflex.envs.place_hammer import ARM_START, HAND_OPEN, PlaceHammerEnv
-from lerobot_dexflex.experts.command import (
-    Array,
-    Command,
-    FingertipExecutor,
-    Unsteadiness,
-    fingertips_of,
-    min_jerk,
-)
-from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix, rotation_vector
+from lerobot_dexflex.experts.command import Array, Command, fingertips_of
+from lerobot_dexflex.experts.script import Pose, Script
 
 GRASP_CENTRE = np.array([-0.0405, -0.0353, -0.1401])
 """Point on the handle axis between the four pads, palm frame [m]; the handle runs along palm y."""
@@ -37,7 +30,6 @@ HAMMER_UPRIGHT = np.array([[-1.0, 0, 0], [0, -1.0, 0], [0, 0, 1.0]])
 """Orientation of the hanging hammer: head up, palm facing the holder."""
 GRASP_RANGE = (-0.012, -0.002)
 """Where along the handle the hand grips, from its centre toward the head [m]."""
-_ARM_NOISE, _HAND_NOISE = 0.010, 0.010
 
 
 def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Command]:
@@ -46,7 +38,7 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
     Privileged: reads the true pose of hammer and holder. The caller executes `Command.executed` before it
     asks for the next command.
     """
-    script = _Script(env, rng)
+    script = Script(env, rng, GRASP_CENTRE)
     grasp_offset = rng.uniform(*GRASP_RANGE)
     position, rotation = env.hammer_pose
     grasp_rotation = rotation[:, [1, 2, 0]]  # palm x, y, z along the hammer's y, z, x
@@ -59,75 +51,18 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
     yield from script.move_tips(tips_squeeze, 11, steady=True)
     yield from script.glide(script.position + np.array([0, 0, 0.10]), script.rotation, 14)
 
+    def palm_for(goal: Array) -> Pose:
+        return script.palm_for(script.in_palm(*env.hammer_pose), goal, HAMMER_UPRIGHT)
+
     goal = env.goal_position
     via = np.array([0.49, goal[1], goal[2] + 0.03])
-    yield from script.swing(*script.palm_for(via), 34, ARM_FORWARD)
-    yield from script.swing(*script.palm_for(goal + np.array([-0.11, 0, 0.012])), 20, ARM_FORWARD)
-    yield from script.glide(*script.palm_for(goal + np.array([-0.11, 0, 0.012])), 6)
+    yield from script.swing(*palm_for(via), 34, ARM_FORWARD)
+    yield from script.swing(*palm_for(goal + np.array([-0.11, 0, 0.012])), 20, ARM_FORWARD)
+    yield from script.glide(*palm_for(goal + np.array([-0.11, 0, 0.012])), 6)
     script.care = 0.4
-    yield from script.glide(*script.palm_for(goal + np.array([-0.002, 0, 0.010])), 22)
-    yield from script.glide(*script.palm_for(goal + np.array([-0.002, 0, -0.001])), 11)
+    yield from script.glide(*palm_for(goal + np.array([-0.002, 0, 0.010])), 22)
+    yield from script.glide(*palm_for(goal + np.array([-0.002, 0, -0.001])), 11)
     yield from script.move_tips(tips_touch, 8, steady=True)
     yield from script.move_tips(tips_open, 9)
     yield from script.glide(script.position + 0.13 * script.rotation[:, 2], script.rotation, 17)
     yield from script.glide(script.position, script.rotation, 15)
-
-
-class _Script:
-    """Motion primitives that keep track of where the palm and the fingertips have been commanded to."""
-
-    def __init__(self, env: PlaceHammerEnv, rng: np.random.Generator) -> None:
-        self._env = env
-        self._arm = env.command[:7]
-        self._kinematics = ArmKinematics(GRASP_CENTRE, self._arm)
-        self._executor = FingertipExecutor(env.command[7:])
-        self._tips = fingertips_of(env.command[7:])
-        scale = np.concatenate([np.full(7, _ARM_NOISE), np.full(16, _HAND_NOISE)])
-        self._noise = Unsteadiness(rng, scale)
-        self.care = 1.0
-        """Share of the natural unsteadiness; less of it where precision counts."""
-        self.position, self.rotation = self._kinematics.forward(self._arm)
-
-    def palm_for(self, hammer_position: Array) -> tuple[Array, Array]:
-        """Return the grasp point's position and palm orientation that bring the hammer upright to a point."""
-        palm = self._env.data.body("palm")
-        palm_rotation = palm.xmat.reshape(3, 3)
-        position, rotation = self._env.hammer_pose
-        target = HAMMER_UPRIGHT @ rotation.T @ palm_rotation
-        held_at = palm_rotation.T @ (position - palm.xpos)
-        return hammer_position + target @ (GRASP_CENTRE - held_at), target
-
-    def swing(self, position: Array, rotation: Array, steps: int, seed: tuple) -> Iterator[Command]:
-        """Interpolate the joints to a pose found from a planar seed: for large reorientations."""
-        start, goal = self._arm, self._kinematics.reach(np.array(seed), position, rotation)
-        for k in range(1, steps + 1):
-            self._arm = start + min_jerk(k / steps) * (goal - start)
-            yield self._command()
-        self._kinematics.posture = goal
-        self.position, self.rotation = position, rotation
-
-    def glide(self, position: Array, rotation: Array, steps: int) -> Iterator[Command]:
-        """Move the palm on a straight line."""
-        start, start_rotation = self.position, self.rotation
-        turn = rotation_vector(start_rotation.T @ rotation)
-        for k in range(1, steps + 1):
-            phase = min_jerk(k / steps)
-            self._arm = self._kinematics.solve(
-                self._arm,
-                start + phase * (position - start),
-                start_rotation @ rotation_matrix(phase * turn),
-            )
-            yield self._command()
-        self.position, self.rotation = position, rotation
-
-    def move_tips(self, target: Array, steps: int, steady: bool = False) -> Iterator[Command]:
-        """Move the fingertips on straight lines, at constant speed if `steady`."""
-        start = self._tips
-        for k in range(1, steps + 1):
-            phase = k / steps if steady else min_jerk(k / steps)
-            self._tips = start + phase * (target - start)
-            yield self._command()
-
-    def _command(self) -> Command:
-        joints = np.concatenate([self._arm, self._executor.step(self._tips)])
-        return Command(joints, self._tips.copy(), joints + self._noise.step(self.care))

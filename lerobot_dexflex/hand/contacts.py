@@ -71,6 +71,23 @@ def fingertip_contacts(model: mujoco.MjModel, data: mujoco.MjData, body: str) ->
     return FingertipContacts(loads, points, normals)
 
 
+def contact_names(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> set[str]:
+    """Return what pushes on a body: names of moving bodies and, of what stands still, names of geoms."""
+    touched = model.body(body).id
+    found, force = set(), np.zeros(6)
+    for k, contact in enumerate(data.contact):
+        bodies = model.geom_bodyid[contact.geom]
+        if touched not in bodies:
+            continue
+        mujoco.mj_contactForce(model, data, k, force)
+        other = int(bodies[0] == touched)
+        if not model.body_jntnum[bodies[other]]:
+            found.add(model.geom(contact.geom[other]).name)
+        elif force[0] > CONTACT_FORCE:
+            found.add(model.body(bodies[other]).name)
+    return found
+
+
 def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 12) -> PadSolution:
     """Find joints that lay each pad flat on a surface point: damped least squares, one finger at a time.
 
