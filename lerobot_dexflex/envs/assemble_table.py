@@ -33,9 +33,11 @@ LEG_LENGTH, STUD_LENGTH, STUD_RADIUS = 0.12, 0.016, 0.0072
 PITCH, TURNS = 0.004, 1.0
 """The thread: lead per turn [m], and turns until the leg is tight and the table top lights."""
 THREAD_ENTRY = 0.016
-"""Height of the thread's first turn above the work table [m]; the socket's rim is 6 mm higher."""
-CATCH_RADIUS, CATCH_HEIGHT, CATCH_TILT = 0.002, 0.003, np.radians(6)
+"""Height of the thread's first turn above the work table [m]; the socket reaches 4 mm, its funnel 10 mm higher."""
+CATCH_RADIUS, CATCH_HEIGHT, CATCH_TILT = 0.0025, 0.003, np.radians(6)
 """How far off the thread catches the stud: beside [m], above [m], and askew [rad]."""
+_SOCKET_GAP = 0.002
+"""Play of the stud in the socket [m], less than `CATCH_RADIUS`: no stud stands in it uncaught."""
 RACK_FLOOR, _RACK_GAP = 0.004, 0.0015
 _BOARD_HALF_SIZE = (0.09, 0.07, 0.005)
 _LAMP_HEIGHT = 0.0115
@@ -64,7 +66,7 @@ class LegEpisode:
 class AssembleTableEnv(HandEnv):
     """Screw the leg into the table top; see `HandEnv` for observations and actions.
 
-    The thread catches a stud that stands in the socket (within 2 mm, 3 mm and 6 degrees); from then on the leg
+    The thread catches a stud that stands in the socket (within 2.5 mm, 3 mm and 6 degrees); from then on the leg
     sinks 4 mm per clockwise turn and cannot be pulled out. After one turn it is tight and the table top lights.
     Success: lit, tilted by less than 5 degrees, and the hand has let go and moved away (no hand contact,
     fingertips more than 8 cm off the leg's centre), for half a second.
@@ -92,7 +94,7 @@ class AssembleTableEnv(HandEnv):
         palm = robot.add_hand(
             spec, robot.add_arm(spec), tip_friction=(episode.tip_friction, *robot.TIP_FRICTION[1:])
         )
-        add_camera(spec, "front", position=(1.02, -0.42, 0.42), target=(0.46, 0.0, 0.10), fovy=38)
+        add_camera(spec, "front", position=(0.98, -0.42, 0.38), target=(0.47, 0.0, 0.11), fovy=33)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         _add_rack(spec, episode)
         _add_table_top(spec, episode)
@@ -200,16 +202,18 @@ def _add_rack(spec: mujoco.MjSpec, episode: LegEpisode) -> None:
 
 
 def _add_table_top(spec: mujoco.MjSpec, episode: LegEpisode) -> None:
-    """Add the upturned table top: a board with a socket, and a lamp ring that rises from it when lit."""
+    """Add the upturned table top: a board, a socket with a funnel, and a lamp ring that rises from it when lit."""
     x, y, yaw = episode.socket
     top = spec.worldbody.add_body(
         name="table_top", pos=(x, y, 0), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
     )
     add_block(top, "board", _BOARD_HALF_SIZE, (0, 0, _BOARD_HALF_SIZE[2]), (0.55, 0.38, 0.22, 1))
-    half_height = (THREAD_ENTRY + 0.006) / 2
+    inside, rim = STUD_RADIUS + _SOCKET_GAP, THREAD_ENTRY + 0.004
+    dark, light = (0.25, 0.25, 0.28, 1), (0.38, 0.38, 0.42, 1)
     for k in range(8):
-        size = (0.006, 0.0065, half_height)
-        _add_wall(top, f"socket{k}", k * np.pi / 4, STUD_RADIUS + 0.002, size, (0.25, 0.25, 0.28, 1))
+        angle = k * np.pi / 4
+        _add_wall(top, f"socket{k}", angle, inside, (0.006, 0.0065, rim / 2), dark)
+        _add_wall(top, f"funnel{k}", angle, inside, (0.002, 0.0065, 0.00425), light, rim, np.pi / 4)
     lamp = spec.worldbody.add_body(name="lamp", pos=(x, y, -_LAMP_HEIGHT), mocap=True)
     lamp.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -220,12 +224,26 @@ def _add_table_top(spec: mujoco.MjSpec, episode: LegEpisode) -> None:
     )
 
 
-def _add_wall(body: mujoco.MjsBody, name: str, angle: float, inside: float, size: Any, rgba: Any) -> None:
-    """Add a block whose inner face is `inside` [m] away from the body's z axis."""
-    distance = inside + size[0]
-    position = (distance * np.cos(angle), distance * np.sin(angle), size[2])
-    wall = add_block(body, name, size, position, rgba)
-    wall.quat = (np.cos(angle / 2), 0, 0, np.sin(angle / 2))
+def _add_wall(
+    body: mujoco.MjsBody,
+    name: str,
+    angle: float,
+    inside: float,
+    size: tuple[float, float, float],
+    rgba: Any,
+    base: float = 0.0,
+    lean: float = 0.0,
+) -> None:
+    """Add a block around the body's z axis, its inner lower edge `inside` [m] off and `base` [m] up."""
+    sin, cos = np.sin(lean), np.cos(lean)
+    distance = inside + size[2] * sin + size[0] * cos
+    height = base + size[2] * cos - size[0] * sin
+    wall = add_block(
+        body, name, size, (distance * np.cos(angle), distance * np.sin(angle), height), rgba
+    )
+    about_z, about_y = (np.cos(angle / 2), np.sin(angle / 2)), (np.cos(lean / 2), np.sin(lean / 2))
+    (a, b), (c, d) = about_z, about_y
+    wall.quat = (a * c, -b * d, a * d, b * c)
 
 
 def _add_leg(spec: mujoco.MjSpec, episode: LegEpisode) -> None:
