@@ -14,7 +14,8 @@ from lerobot.utils.import_utils import register_third_party_plugins
 register_third_party_plugins()
 assert "dexflex_flow" in PreTrainedConfig.get_known_choices(), "LeRobot did not discover the policy"
 assert "dexflex" in EnvConfig.get_known_choices(), "LeRobot did not discover the environment"
-assert {"lerobot_dexflex/PlaceHammer-v0", "lerobot_dexflex/Reach-v0"} <= set(gymnasium.registry)
+TASKS = ("AssembleTable", "PlaceHammer", "Reach")
+assert {f"lerobot_dexflex/{task}-v0" for task in TASKS} <= set(gymnasium.registry)
 
 for name in ("lerobot_dexflex", "lerobot_policy_dexflex"):
     path = Path(importlib.import_module(name).__file__ or "")

@@ -7,14 +7,19 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.envs.hand_env import HandEnv
-from lerobot_dexflex.envs.scene import (
-    ContactSurface,
-    add_block,
-    add_camera,
-    add_studio,
-    add_table,
-    add_wrist_camera,
+from lerobot_dexflex.envs.leg_and_socket import (
+    LAMP_HEIGHT,
+    LEG_LENGTH,
+    RACK_FLOOR,
+    STUD_LENGTH,
+    THREAD_ENTRY,
+    TURNS,
+    add_leg,
+    add_rack,
+    add_table_top,
+    add_thread,
 )
+from lerobot_dexflex.envs.scene import add_camera, add_studio, add_table, add_wrist_camera
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_names
@@ -29,19 +34,8 @@ HAND_OPEN = (
 )
 """Open hand around the leg [rad]: pads 16 mm away from it, ring finger parked."""
 
-LEG_LENGTH, STUD_LENGTH, STUD_RADIUS = 0.12, 0.016, 0.0072
-PITCH, TURNS = 0.004, 1.0
-"""The thread: lead per turn [m], and turns until the leg is tight and the table top lights."""
-THREAD_ENTRY = 0.016
-"""Height of the thread's first turn above the work table [m]; the socket reaches 4 mm, its funnel 10 mm higher."""
 CATCH_RADIUS, CATCH_HEIGHT, CATCH_TILT = 0.0025, 0.003, np.radians(6)
 """How far off the thread catches the stud: beside [m], above [m], and askew [rad]."""
-_SOCKET_GAP = 0.002
-"""Play of the stud in the socket [m], less than `CATCH_RADIUS`: no stud stands in it uncaught."""
-RACK_FLOOR, _RACK_GAP = 0.004, 0.0015
-_BOARD_HALF_SIZE = (0.09, 0.07, 0.005)
-_LAMP_HEIGHT = 0.0115
-"""Height of the lit lamp, just above the board [m]; the dark one hides as far inside the work table."""
 _SETTLED_STEPS = 10
 
 
@@ -66,8 +60,9 @@ class LegEpisode:
 class AssembleTableEnv(HandEnv):
     """Screw the leg into the table top; see `HandEnv` for observations and actions.
 
-    The thread catches a stud that stands in the socket (within 2.5 mm, 3 mm and 6 degrees); from then on the leg
-    sinks 4 mm per clockwise turn and cannot be pulled out. After one turn it is tight and the table top lights.
+    The thread catches a stud that stands in the socket (within 2.5 mm, 3 mm and 6 degrees); from then on the
+    leg sinks 4 mm per clockwise turn and cannot be pulled out. After one turn it is tight and the table top
+    lights.
     Success: lit, tilted by less than 5 degrees, and the hand has let go and moved away (no hand contact,
     fingertips more than 8 cm off the leg's centre), for half a second.
     Dropping the leg, or tilting it by more than 60 degrees, ends the episode.
@@ -96,10 +91,10 @@ class AssembleTableEnv(HandEnv):
         )
         add_camera(spec, "front", position=(0.98, -0.42, 0.38), target=(0.47, 0.0, 0.11), fovy=33)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
-        _add_rack(spec, episode)
-        _add_table_top(spec, episode)
-        _add_leg(spec, episode)
-        _add_thread(spec, episode)
+        add_rack(spec, episode.rack, episode.leg_radius)
+        add_table_top(spec, episode.socket)
+        add_thread(spec, episode.socket[:2])
+        add_leg(spec, episode.leg_radius, episode.mass)
         return spec
 
     def _initialise(self, episode: LegEpisode) -> None:
@@ -141,7 +136,7 @@ class AssembleTableEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         if not self.caught and self._stud_in_thread():
             self._catch_stud()
-        self.data.mocap_pos[self._mocap("lamp"), 2] = _LAMP_HEIGHT if self.lit else -_LAMP_HEIGHT
+        self.data.mocap_pos[self._mocap("lamp"), 2] = LAMP_HEIGHT if self.lit else -LAMP_HEIGHT
         touched = contact_names(self.model, self.data, "leg")
         position, rotation = self.leg_pose
         centre = position + rotation[:, 2] * LEG_LENGTH / 2
@@ -172,12 +167,10 @@ class AssembleTableEnv(HandEnv):
         tip = position - STUD_LENGTH * rotation[:, 2]
         beside = np.linalg.norm(tip[:2] - self.episode.socket[:2])
         above = abs(tip[2] - THREAD_ENTRY)
-        return bool(
-            beside < CATCH_RADIUS and above < CATCH_HEIGHT and rotation[2, 2] > np.cos(CATCH_TILT)
-        )
+        return bool(beside < CATCH_RADIUS and above < CATCH_HEIGHT and rotation[2, 2] > np.cos(CATCH_TILT))
 
     def _catch_stud(self) -> None:
-        """Turn the thread to the leg's yaw and weld the leg to it; all of it is state that snapshots carry."""
+        """Turn the thread to the leg's yaw and weld the leg to it: all of it state that snapshots carry."""
         data = self.data
         _, rotation = self.leg_pose
         yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
@@ -186,117 +179,3 @@ class AssembleTableEnv(HandEnv):
         data.joint("thread_slide").qpos[:] = data.joint("thread_slide").qvel[:] = 0
         data.eq_active[self.model.equality("thread_catch").id] = 1
         mujoco.mj_forward(self.model, data)
-
-
-def _add_rack(spec: mujoco.MjSpec, episode: LegEpisode) -> None:
-    """Add a floor and four walls in which the leg stands on its stud."""
-    x, y, yaw = episode.rack
-    grey = (0.3, 0.3, 0.5, 1)
-    rack = spec.worldbody.add_body(
-        name="rack", pos=(x, y, 0), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
-    )
-    add_block(rack, "rack_floor", (0.022, 0.022, RACK_FLOOR / 2), (0, 0, RACK_FLOOR / 2), grey)
-    inside = episode.leg_radius + _RACK_GAP
-    for k in range(4):
-        _add_wall(rack, f"rack_wall{k}", k * np.pi / 2, inside, (0.004, 0.018, 0.020), grey)
-
-
-def _add_table_top(spec: mujoco.MjSpec, episode: LegEpisode) -> None:
-    """Add the upturned table top: a board, a socket with a funnel, and a lamp ring that rises from it when lit."""
-    x, y, yaw = episode.socket
-    top = spec.worldbody.add_body(
-        name="table_top", pos=(x, y, 0), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
-    )
-    add_block(top, "board", _BOARD_HALF_SIZE, (0, 0, _BOARD_HALF_SIZE[2]), (0.55, 0.38, 0.22, 1))
-    inside, rim = STUD_RADIUS + _SOCKET_GAP, THREAD_ENTRY + 0.004
-    dark, light = (0.25, 0.25, 0.28, 1), (0.38, 0.38, 0.42, 1)
-    for k in range(8):
-        angle = k * np.pi / 4
-        _add_wall(top, f"socket{k}", angle, inside, (0.006, 0.0065, rim / 2), dark)
-        _add_wall(top, f"funnel{k}", angle, inside, (0.002, 0.0065, 0.00425), light, rim, np.pi / 4)
-    lamp = spec.worldbody.add_body(name="lamp", pos=(x, y, -_LAMP_HEIGHT), mocap=True)
-    lamp.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=(0.045, 0.001, 0),
-        contype=0,
-        conaffinity=0,
-        rgba=(1.0, 0.9, 0.2, 1),
-    )
-
-
-def _add_wall(
-    body: mujoco.MjsBody,
-    name: str,
-    angle: float,
-    inside: float,
-    size: tuple[float, float, float],
-    rgba: Any,
-    base: float = 0.0,
-    lean: float = 0.0,
-) -> None:
-    """Add a block around the body's z axis, its inner lower edge `inside` [m] off and `base` [m] up."""
-    sin, cos = np.sin(lean), np.cos(lean)
-    distance = inside + size[2] * sin + size[0] * cos
-    height = base + size[2] * cos - size[0] * sin
-    wall = add_block(
-        body, name, size, (distance * np.cos(angle), distance * np.sin(angle), height), rgba
-    )
-    about_z, about_y = (np.cos(angle / 2), np.sin(angle / 2)), (np.cos(lean / 2), np.sin(lean / 2))
-    (a, b), (c, d) = about_z, about_y
-    wall.quat = (a * c, -b * d, a * d, b * c)
-
-
-def _add_leg(spec: mujoco.MjSpec, episode: LegEpisode) -> None:
-    """Add the leg: a shaft, and a stud below it that carries the thread."""
-    body = spec.worldbody.add_body(name="leg")
-    body.add_freejoint(name="leg")
-    for name, radius, length, centre, share, rgba in (
-        ("leg_shaft", episode.leg_radius, LEG_LENGTH, LEG_LENGTH / 2, 0.9, (0.85, 0.55, 0.2, 1)),
-        ("leg_stud", STUD_RADIUS, STUD_LENGTH, -STUD_LENGTH / 2, 0.1, (0.75, 0.75, 0.78, 1)),
-    ):
-        body.add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            size=(radius, length / 2, 0),
-            pos=(0, 0, centre),
-            mass=share * episode.mass,
-            rgba=rgba,
-            **ContactSurface(condim=4)._asdict(),
-        )
-
-
-def _add_thread(spec: mujoco.MjSpec, episode: LegEpisode) -> None:
-    """Add the thread: a floor for the stud that turns as it sinks, and the weld with which it catches the leg.
-
-    Its frame is a mocap body, which takes the leg's yaw when caught: so everything about the thread is state.
-    Friction holds 15 N of axial pull on a pitch of 4 mm: a self-locking thread.
-    """
-    # Without it the turn-slide coupling is about 1000 times too soft: the diagonal approximation adds the
-    # hinge's inverse inertia without the squared ratio.
-    spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)
-    frame = spec.worldbody.add_body(name="thread", pos=(*episode.socket[:2], THREAD_ENTRY), mocap=True)
-    nut = frame.add_body(name="nut")
-    nut.mass, nut.inertia, nut.explicitinertial, nut.gravcomp = 0.01, (1e-5, 1e-5, 1e-5), True, 1.0
-    turn = nut.add_joint(name="thread_turn", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1))
-    turn.frictionloss, turn.armature, turn.damping[0] = 0.01, 2e-4, 0.002
-    slide = nut.add_joint(name="thread_slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
-    slide.range, slide.limited, slide.armature = (-PITCH * TURNS, 0.0005), True, 0.05
-    nut.add_geom(
-        name="thread_floor",
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=(STUD_RADIUS, 0.002, 0),
-        pos=(0, 0, -0.002),
-        rgba=(0.9, 0.2, 0.1, 1),
-        **ContactSurface()._asdict(),
-    )
-    spec.add_exclude(bodyname1="nut", bodyname2="table_top")
-    coupling = spec.add_equality(
-        name="thread_lead", type=mujoco.mjtEq.mjEQ_JOINT, name1="thread_slide", name2="thread_turn"
-    )
-    coupling.objtype = mujoco.mjtObj.mjOBJ_JOINT
-    coupling.data[:5] = (0, PITCH / (2 * np.pi), 0, 0, 0)
-    catch = spec.add_equality(name="thread_catch", type=mujoco.mjtEq.mjEQ_WELD, name1="nut", name2="leg")
-    catch.objtype = mujoco.mjtObj.mjOBJ_BODY
-    catch.active = False
-    catch.data[:11] = (0, 0, 0, 0, 0, STUD_LENGTH, 1, 0, 0, 0, 1)
-    coupling.solref = catch.solref = (2 * robot.TIMESTEP, 1)

@@ -50,9 +50,7 @@ def add_table(spec: mujoco.MjSpec) -> None:
     )
 
 
-def add_block(
-    body: mujoco.MjsBody, name: str, half_size: Any, position: Any, rgba: Any
-) -> mujoco.MjsGeom:
+def add_block(body: mujoco.MjsBody, name: str, half_size: Any, position: Any, rgba: Any) -> mujoco.MjsGeom:
     """Add a box of the scene, half size and position in the body's frame [m]."""
     return body.add_geom(
         name=name,

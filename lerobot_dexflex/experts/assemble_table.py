@@ -4,14 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lerobot_dexflex.envs.assemble_table import (
-    ARM_START,
-    HAND_OPEN,
-    PITCH,
-    STUD_LENGTH,
-    TURNS,
-    AssembleTableEnv,
-)
+from lerobot_dexflex.envs.assemble_table import ARM_START, HAND_OPEN, AssembleTableEnv
+from lerobot_dexflex.envs.leg_and_socket import PITCH, STUD_LENGTH, TURNS
 from lerobot_dexflex.experts.command import Array, Command, fingertips_of
 from lerobot_dexflex.experts.script import Pose, Script
 from lerobot_dexflex.hand.arm import rotation_matrix
@@ -38,6 +32,8 @@ GRASP_RANGE = (0.083, 0.091)
 """Where along the leg the hand grips, above the shaft's lower end [m]."""
 SCREW_RATE = 1.75
 """How fast the palm turns the leg [rad/s]."""
+OVERTURN, PRESS = 1.2, 0.002
+"""Turn after the leg has become tight [rad], and depth below the thread at which the palm aims [m]."""
 _CONTROL_PERIOD = 0.05
 
 
@@ -54,7 +50,7 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     tips_open, tips_touch, tips_squeeze = map(fingertips_of, (HAND_OPEN, HAND_TOUCH, HAND_SQUEEZE))
 
     yield from script.swing(grasp_point + np.array([0, 0, 0.07]), grasp_rotation, 26, ARM_START)
-    script.care = 0.5
+    script.care = 0.3
     yield from script.glide(grasp_point, grasp_rotation, 18)
     yield from script.move_tips(tips_touch, 9)
     yield from script.move_tips(tips_squeeze, 11, steady=True)
@@ -66,7 +62,7 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     yield from script.glide(*_palm_above(env, script, 0.015), 12)
     yield from _insert(env, script)
     yield from _screw(env, script)
-    script.care = 0.5
+    script.care = 0.7
     yield from script.move_tips(tips_touch, 7, steady=True)
     yield from script.move_tips(tips_open, 8)
     yield from script.glide(script.position + np.array([0, 0, 0.12]), script.rotation, 17)
@@ -80,31 +76,39 @@ def _palm_above(env: AssembleTableEnv, script: Script, height: float) -> Pose:
     return script.palm_for(held, goal, _made_upright(_about_z(GRASP_YAW) @ held.rotation))
 
 
-def _insert(env: AssembleTableEnv, script: Script, steps: int = 45) -> Iterator[Command]:
-    """Lower the stud into the socket, steering it by its measured tip, until the thread catches it."""
+def _insert(env: AssembleTableEnv, script: Script, steps: int = 45, pressing: int = 6) -> Iterator[Command]:
+    """Lower the stud into the socket, steered by its measured tip, until the thread has caught it safely.
+
+    Pressing on for a few steps lets also those who repeat the motion less exactly catch the thread.
+    """
     held = script.in_palm(*env.leg_pose)
     upright = _made_upright(_about_z(GRASP_YAW) @ held.rotation)
     correction = np.zeros(3)
     for k in range(1, steps + 1):
         position, rotation = env.leg_pose
         beside = env.goal_position - (position - STUD_LENGTH * rotation[:, 2])
-        correction[:2] = np.clip(correction[:2] + 0.15 * beside[:2], -0.006, 0.006)
+        if not env.caught:
+            correction[:2] = np.clip(correction[:2] + 0.15 * beside[:2], -0.006, 0.006)
         height = np.array([0, 0, max(0.015 - 0.001 * k, -0.006)])
         yield script.step(*script.palm_for(held, env.goal_position + height + correction, upright))
-        if env.caught:
+        pressing -= env.caught
+        if pressing < 0:
             return
 
 
 def _screw(env: AssembleTableEnv, script: Script) -> Iterator[Command]:
-    """Turn the leg clockwise about its own axis, sinking with the thread, until it lights."""
+    """Turn the leg clockwise about its own axis, sinking with the thread, until it lights and a bit more."""
     held = script.in_palm(*env.leg_pose)
     upright = _made_upright(env.leg_pose[1])
-    angle, limit = 0.0, 2 * np.pi * (TURNS + 0.25)
-    ramp = 0.0
-    while env.caught and not env.lit and angle < limit:
-        ramp = min(1.0, ramp + 0.2)
-        angle += ramp * SCREW_RATE * _CONTROL_PERIOD
-        sunk = np.array([0, 0, -PITCH * min(TURNS, angle / (2 * np.pi))])
+    angle, rate, limit = 0.0, 0.0, 2 * np.pi * (TURNS + 0.5)
+    while env.caught and angle < limit:
+        if env.lit:
+            limit = min(limit, angle + OVERTURN)
+            rate = SCREW_RATE * min(1.0, (limit - angle) / 0.3 + 0.2)
+        else:
+            rate = min(SCREW_RATE, rate + 0.2 * SCREW_RATE)
+        angle += rate * _CONTROL_PERIOD
+        sunk = np.array([0, 0, -PITCH * min(TURNS, angle / (2 * np.pi)) - PRESS])
         pose = script.palm_for(held, env.goal_position + sunk, _about_z(-angle) @ upright)
         yield script.step(*pose, unbend=True)
 

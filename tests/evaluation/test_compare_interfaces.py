@@ -3,6 +3,8 @@ from pathlib import Path
 
 import pytest
 
+from lerobot_dexflex.envs.registration import TASKS
+
 SCRIPT = Path(__file__).parents[2] / "eval/compare_interfaces.py"
 
 
@@ -19,7 +21,7 @@ def script():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--task", "PourTea-v0"], "Unknown task 'PourTea-v0'. Valid tasks: PlaceHammer-v0, Reach-v0."),
+        (["--task", "PourTea-v0"], f"Unknown task 'PourTea-v0'. Valid tasks: {', '.join(TASKS)}."),
         (
             ["--interfaces", "joint", "telepathy"],
             "Unknown interface 'telepathy'. Valid interfaces: joint, raw, filter",

@@ -10,7 +10,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_policy_dexflex import DexflexEnvConfig
 
 
-@pytest.mark.parametrize(("task", "joints"), [("PlaceHammer-v0", 23), ("Reach-v0", 16)])
+@pytest.mark.parametrize(("task", "joints"), [(name, task.joints) for name, task in TASKS.items()])
 def test_features_are_named_as_in_the_dataset(task, joints):
     features = env_to_policy_features(DexflexEnvConfig(task=task))
     assert {key: tuple(feature.shape) for key, feature in features.items()} == {
@@ -25,7 +25,7 @@ def test_features_are_named_as_in_the_dataset(task, joints):
 
 
 def test_an_unknown_task_is_refused_with_the_valid_ones():
-    with pytest.raises(ParsingError, match=r"'PlaceHamer-v0'.*--env.task: PlaceHammer-v0, Reach-v0"):
+    with pytest.raises(ParsingError, match=r"'PlaceHamer-v0'.*--env.task: " + ", ".join(TASKS)):
         DexflexEnvConfig(task="PlaceHamer-v0")
 
 

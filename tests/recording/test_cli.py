@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.recording import RecordConfig
 from lerobot_dexflex.recording.cli import main
 from lerobot_dexflex.recording.record import record
@@ -15,7 +16,7 @@ from lerobot_dexflex.recording.record import record
 @pytest.mark.parametrize(
     ("argument", "message"),
     [
-        ("--task=Hammer", "Unknown task 'Hammer'. Valid tasks: PlaceHammer-v0, Reach-v0"),
+        ("--task=Hammer", f"Unknown task 'Hammer'. Valid tasks: {', '.join(TASKS)}"),
         ("--task=Reach-v0", "No expert for task 'Reach-v0'"),
         ("--episodes=0", "`episodes` must be at least 1. Got 0"),
         ("--episodes=many", "many"),
