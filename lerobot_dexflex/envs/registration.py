@@ -21,6 +21,12 @@ class TaskInfo(NamedTuple):
 
 
 TASKS = {
+    "AssembleTable-v0": TaskInfo(
+        "lerobot_dexflex.envs.assemble_table:AssembleTableEnv",
+        320,
+        "Screw the leg into the table top until it lights up.",
+        23,
+    ),
     "PlaceHammer-v0": TaskInfo(
         "lerobot_dexflex.envs.place_hammer:PlaceHammerEnv",
         300,

@@ -7,6 +7,7 @@ from lerobot_dexflex.experts.command import Command as Command
 from lerobot_dexflex.experts.command import Expert as Expert
 
 _EXPERTS = {
+    "AssembleTable-v0": "lerobot_dexflex.experts.assemble_table:demonstrate",
     "PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate",
     "PourCup-v0": "lerobot_dexflex.experts.pour_cup:demonstrate",
 }

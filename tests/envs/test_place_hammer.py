@@ -9,6 +9,7 @@ from gymnasium.utils.env_checker import check_env
 
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.place_hammer import HEAD_CENTRE, PlaceHammerEnv
+from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.touch import TouchConfig
 
@@ -154,7 +155,7 @@ def test_the_hammer_has_the_mass_and_size_of_its_episode(env):
     assert env.model.geom("if_tip").friction[0] == env.episode.tip_friction
 
 
-@pytest.mark.parametrize("task", ["PlaceHammer-v0", "Reach-v0"])
+@pytest.mark.parametrize("task", TASKS)
 def test_every_task_gives_the_fingers_the_configured_skin(task):
     def height(skin: float) -> float:
         config = TouchConfig(skin=skin)

@@ -10,7 +10,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_policy_dexflex import DexflexEnvConfig
 
 
-@pytest.mark.parametrize(("task", "joints"), [("PlaceHammer-v0", 23), ("PourCup-v0", 23), ("Reach-v0", 16)])
+@pytest.mark.parametrize(("task", "joints"), [(name, task.joints) for name, task in TASKS.items()])
 def test_features_are_named_as_in_the_dataset(task, joints):
     features = env_to_policy_features(DexflexEnvConfig(task=task))
     assert {key: tuple(feature.shape) for key, feature in features.items()} == {

@@ -1,0 +1,141 @@
+"""The things of AssembleTable: a leg with a stud, its rack, and a table top with a thread that catches."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from lerobot_dexflex.envs.scene import ContactSurface, add_block
+from lerobot_dexflex.hand import model as robot
+
+Pose2 = tuple[float, float, float]
+"""Position x, y on the table [m] and yaw [rad]."""
+
+LEG_LENGTH, STUD_LENGTH, STUD_RADIUS = 0.12, 0.016, 0.0072
+PITCH, TURNS = 0.004, 1.0
+"""The thread: lead per turn [m], and turns until the leg is tight and the table top lights."""
+THREAD_ENTRY = 0.016
+"""Height of the thread's first turn above the table [m]; socket and funnel rise 4 and 10 mm above it."""
+LAMP_HEIGHT = 0.0115
+"""Height of the lit lamp, just above the board [m]; the dark one hides as far inside the work table."""
+_SOCKET_GAP = 0.002
+"""Play of the stud in the socket [m], less than `CATCH_RADIUS`: no stud stands in it uncaught."""
+RACK_FLOOR, _RACK_GAP = 0.004, 0.0015
+_BOARD_HALF_SIZE = (0.09, 0.07, 0.005)
+
+
+def add_rack(spec: mujoco.MjSpec, pose: Pose2, leg_radius: float) -> None:
+    """Add a floor and four walls in which the leg stands on its stud."""
+    x, y, yaw = pose
+    grey = (0.3, 0.3, 0.5, 1)
+    rack = spec.worldbody.add_body(name="rack", pos=(x, y, 0), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)))
+    add_block(rack, "rack_floor", (0.022, 0.022, RACK_FLOOR / 2), (0, 0, RACK_FLOOR / 2), grey)
+    inside = leg_radius + _RACK_GAP
+    for k in range(4):
+        _add_wall(rack, f"rack_wall{k}", k * np.pi / 2, inside, (0.004, 0.018, 0.020), grey)
+
+
+def add_table_top(spec: mujoco.MjSpec, pose: Pose2) -> None:
+    """Add the upturned table top: board, socket with a funnel, and a lamp that rises around it when lit."""
+    x, y, yaw = pose
+    top = spec.worldbody.add_body(
+        name="table_top", pos=(x, y, 0), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
+    )
+    add_block(top, "board", _BOARD_HALF_SIZE, (0, 0, _BOARD_HALF_SIZE[2]), (0.55, 0.38, 0.22, 1))
+    inside, rim = STUD_RADIUS + _SOCKET_GAP, THREAD_ENTRY + 0.004
+    dark, light = (0.25, 0.25, 0.28, 1), (0.38, 0.38, 0.42, 1)
+    for k in range(8):
+        angle = k * np.pi / 4
+        _add_wall(top, f"socket{k}", angle, inside, (0.006, 0.0065, rim / 2), dark)
+        _add_wall(top, f"funnel{k}", angle, inside, (0.002, 0.0065, 0.00425), light, rim, np.pi / 4)
+    lamp = spec.worldbody.add_body(name="lamp", pos=(x, y, -LAMP_HEIGHT), mocap=True)
+    lamp.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=(0.045, 0.001, 0),
+        contype=0,
+        conaffinity=0,
+        rgba=(1.0, 0.9, 0.2, 1),
+    )
+
+
+def _add_wall(
+    body: mujoco.MjsBody,
+    name: str,
+    angle: float,
+    inside: float,
+    size: tuple[float, float, float],
+    rgba: Any,
+    base: float = 0.0,
+    lean: float = 0.0,
+) -> None:
+    """Add a block beside the body's z axis, its inner lower edge `inside` [m] off it and `base` [m] up.
+
+    It stands toward `angle` about z [rad] and leans outward by `lean` [rad].
+    """
+    sin, cos = np.sin(lean), np.cos(lean)
+    distance = inside + size[2] * sin + size[0] * cos
+    height = base + size[2] * cos - size[0] * sin
+    wall = add_block(body, name, size, (distance * np.cos(angle), distance * np.sin(angle), height), rgba)
+    wall.quat = (
+        np.cos(angle / 2) * np.cos(lean / 2),
+        -np.sin(angle / 2) * np.sin(lean / 2),
+        np.cos(angle / 2) * np.sin(lean / 2),
+        np.sin(angle / 2) * np.cos(lean / 2),
+    )
+
+
+def add_leg(spec: mujoco.MjSpec, shaft_radius: float, mass: float) -> None:
+    """Add the leg: a shaft, and a stud below it that carries the thread."""
+    body = spec.worldbody.add_body(name="leg")
+    body.add_freejoint(name="leg")
+    for name, radius, length, centre, share, rgba in (
+        ("leg_shaft", shaft_radius, LEG_LENGTH, LEG_LENGTH / 2, 0.9, (0.85, 0.55, 0.2, 1)),
+        ("leg_stud", STUD_RADIUS, STUD_LENGTH, -STUD_LENGTH / 2, 0.1, (0.75, 0.75, 0.78, 1)),
+    ):
+        body.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=(radius, length / 2, 0),
+            pos=(0, 0, centre),
+            mass=share * mass,
+            rgba=rgba,
+            **ContactSurface(condim=4)._asdict(),
+        )
+
+
+def add_thread(spec: mujoco.MjSpec, position: tuple[float, float]) -> None:
+    """Add the thread: a floor for the stud that turns as it sinks, and the weld that catches the leg.
+
+    Its frame is a mocap body, which takes the leg's yaw when caught: so everything about the thread is state.
+    Friction holds 15 N of axial pull on a pitch of 4 mm: a self-locking thread.
+    """
+    # Without it the turn-slide coupling is about 1000 times too soft: the diagonal approximation adds the
+    # hinge's inverse inertia without the squared ratio.
+    spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)
+    frame = spec.worldbody.add_body(name="thread", pos=(*position, THREAD_ENTRY), mocap=True)
+    nut = frame.add_body(name="nut")
+    nut.mass, nut.inertia, nut.explicitinertial, nut.gravcomp = 0.01, (1e-5, 1e-5, 1e-5), True, 1.0
+    turn = nut.add_joint(name="thread_turn", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1))
+    turn.frictionloss, turn.armature, turn.damping[0] = 0.01, 2e-4, 0.002
+    turn.range, turn.limited, turn.solref_limit = (-2 * np.pi * TURNS, 0.1), True, (2 * robot.TIMESTEP, 1)
+    slide = nut.add_joint(name="thread_slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
+    slide.armature = 0.05
+    nut.add_geom(
+        name="thread_floor",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=(STUD_RADIUS, 0.002, 0),
+        pos=(0, 0, -0.002),
+        rgba=(0.9, 0.2, 0.1, 1),
+        **ContactSurface()._asdict(),
+    )
+    spec.add_exclude(bodyname1="nut", bodyname2="table_top")
+    coupling = spec.add_equality(
+        name="thread_lead", type=mujoco.mjtEq.mjEQ_JOINT, name1="thread_slide", name2="thread_turn"
+    )
+    coupling.objtype = mujoco.mjtObj.mjOBJ_JOINT
+    coupling.data[:5] = (0, PITCH / (2 * np.pi), 0, 0, 0)
+    catch = spec.add_equality(name="thread_catch", type=mujoco.mjtEq.mjEQ_WELD, name1="nut", name2="leg")
+    catch.objtype = mujoco.mjtObj.mjOBJ_BODY
+    catch.active = False
+    catch.data[:11] = (0, 0, 0, 0, 0, STUD_LENGTH, 1, 0, 0, 0, 1)
+    coupling.solref = catch.solref = (2 * robot.TIMESTEP, 1)
