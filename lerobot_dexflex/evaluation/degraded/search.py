@@ -1,0 +1,164 @@
+"""Random search over the contact projection: every trial draws all its gains and limits at once.
+
+A quadratic model of the progress then says what each of them is worth. Thousands of noisy episodes that vary
+everything tell more than a few settings measured well: no episode is spent on one question alone. Training
+objects and goals that the operator never tried, so neither tuning nor test objects are touched.
+"""
+
+import functools
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import statsmodels.api as sm
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from lerobot_dexflex.commands.loop import run_chains
+from lerobot_dexflex.controller import DexFlexController, SelectionSettings
+from lerobot_dexflex.controller.settings import ProjectionSettings
+from lerobot_dexflex.corpus.distortion import sample_corruption
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.degraded.chain_book import ChainBook
+from lerobot_dexflex.interfaces.controller_folder import find_controller
+from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
+from lerobot_dexflex.recording.workers import run_numbered
+
+RANGES = {
+    "gain": (0.3, 1.2),
+    "free_gain": (0.1, 1.0),
+    "internal_gain": (0.0, 0.8),
+    "closing_gain": (0.0, 1.2),
+    "speed": (5e-4, 4e-3),
+    "squeeze_gain": (0.0, 2e-4),
+    "preload": (0.5, 3.0),
+    "return_speed": (0.0, 2.5e-3),
+}
+"""Where every field of `ProjectionSettings` is drawn, uniformly."""
+TRAINING_SEED = 1000
+"""First seed of the chains: an object of the corpus's training split."""
+CLEAN_SHARE = 0.2
+BATCH = 16
+"""Episodes of one trial."""
+_LEAST = 320
+
+
+@dataclass(frozen=True)
+class Search:
+    """What to run.
+
+    Args:
+        output: Folder; holds `trials.jsonl`, which a later call continues.
+        chains: Folder of goal chains, built where missing.
+        n_chains: Starts that the trials draw from.
+        controller: Folder of a controller; the shipped one if None. Its networks choose nothing here.
+    """
+
+    output: Path
+    chains: Path
+    n_chains: int = 250
+    controller: Path | None = None
+
+    @property
+    def book(self) -> ChainBook:
+        """The chains."""
+        return ChainBook(self.chains / f"unverified_{TRAINING_SEED}.jsonl", TRAINING_SEED, verified=False)
+
+
+def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -> list[dict[str, Any]]:
+    """Run trials until there are `trials` and return all that are finished.
+
+    Args:
+        search: What to run.
+        trials: How many settings to draw; the n-th is always the same.
+        workers: Worker processes; 0 works in this one.
+        quiet: Show no progress bar.
+    """
+    search.book.ensure(search.n_chains, workers, quiet)
+    path = search.output / "trials.jsonl"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    done = (
+        {row["trial"]: row for row in map(json.loads, path.read_text().splitlines())} if path.exists() else {}
+    )
+    waiting = iter([n for n in range(trials) if n not in done])
+    with tqdm(total=trials, initial=len(done), unit="trial", disable=quiet) as bar, path.open("a") as file:
+        for row in run_numbered(functools.partial(run_trial, search), lambda _: next(waiting, None), workers):
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            done[row["trial"]] = row
+            bar.update()
+    return [done[n] for n in sorted(done)]
+
+
+def run_trial(search: Search, number: int) -> dict[str, Any]:
+    """Draw settings and run a batch of episodes with them; returns both."""
+    rng = np.random.default_rng((number, 17))
+    settings = ProjectionSettings(**{key: float(rng.uniform(*ends)) for key, ends in RANGES.items()})
+    chains = search.book.load(search.n_chains)
+    chosen = [chains[k] for k in rng.choice(len(chains), min(BATCH, len(chains)), replace=False)]
+    corruptions = [sample_corruption(rng, CLEAN_SHARE) for _ in chosen]
+    only = SelectionSettings(
+        n_pure=0, n_seeded=0, include_draft=False, projection=settings, use_residual=False
+    )
+    interface = DexFlexInterface(_controller(search.controller), only)
+    episodes = run_chains(chosen, corruptions, interface, seed=number, batch=BATCH)
+    return {
+        "trial": number,
+        "settings": asdict(settings),
+        "chains": [episode.chain.seed for episode in episodes],
+        "corruptions": [episode.corruption.name for episode in episodes],
+        "progress": [episode.progress for episode in episodes],
+        "dropped": [episode.dropped for episode in episodes],
+    }
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What one setting is worth, all others drawn at random."""
+
+    name: str
+    slope: float
+    """Change of the progress from the middle of the range to its end, linear part."""
+    error: float
+    """Its standard error."""
+    best: float
+    """Where the quadratic is highest within the range, in the setting's unit."""
+
+
+def fit(rows: list[dict[str, Any]]) -> list[Effect]:
+    """Fit progress = family + sum of quadratics, by least squares.
+
+    Args:
+        rows: From `run_search`.
+
+    Raises:
+        DexFlexError: If there are too few episodes to tell settings apart.
+    """
+    if (found := sum(len(row["progress"]) for row in rows)) < _LEAST:
+        raise DexFlexError(f"{found} episodes cannot tell the settings apart; run {_LEAST} or more.")
+    unit = np.array([_unit(row["settings"]) for row in rows for _ in row["progress"]])
+    families = [name.partition("_")[0] for row in rows for name in row["corruptions"]]
+    dummies = np.array([[name == other for other in sorted(set(families))] for name in families], float)
+    progress = np.concatenate([row["progress"] for row in rows])
+    model = sm.OLS(progress, np.hstack([dummies, unit, unit**2])).fit()
+    first, count = dummies.shape[1], len(RANGES)
+    grid = np.linspace(-1, 1, 201)
+    effects = []
+    for k, (name, (low, high)) in enumerate(RANGES.items()):
+        slope, bend = model.params[first + k], model.params[first + count + k]
+        top = grid[np.argmax(slope * grid + bend * grid**2)]
+        best = low + (top + 1) / 2 * (high - low)
+        effects.append(Effect(name, float(slope), float(model.bse[first + k]), float(best)))
+    return effects
+
+
+def _unit(settings: dict[str, float]) -> NDArray[np.float64]:
+    """Return settings as numbers in [-1, 1]."""
+    return np.array([2 * (settings[key] - low) / (high - low) - 1 for key, (low, high) in RANGES.items()])
+
+
+@functools.cache
+def _controller(folder: Path | None) -> DexFlexController:
+    return DexFlexController.from_pretrained(find_controller(folder))
