@@ -119,7 +119,7 @@ class PlaceHammerEnv(HandEnv):
         touching = contact_names(self.model, self.data, "hammer")
         position, rotation = self.hammer_pose
         fingers = [f"{f}_ds" in touching for f in robot.FINGERS]
-        by_hand = any(name[:2] in robot.FINGERS or name == "palm" for name in touching)
+        by_hand = any(name[:2] in robot.FINGERS or name.startswith("palm") for name in touching)
         holding = fingers[3] and any(fingers[:3])
         upright = rotation[2, 2] > np.cos(np.radians(6))
         on_prongs = {"prong0", "prong1"} <= touching

@@ -142,16 +142,18 @@ def test_each_config_parses_and_trains_one_step(synthetic_dataset, tmp_path, nam
     assert saved["action_space"] == name.removeprefix("place_hammer_")
 
 
-def test_the_two_configs_differ_in_nothing_but_the_interface():
+@pytest.mark.parametrize("task", ["assemble_table", "place_hammer", "pour_cup"])
+def test_the_configs_of_a_task_differ_in_nothing_but_the_interface(task):
     import yaml
 
     joint, draft = (
-        yaml.safe_load((ROOT / f"configs/policy/place_hammer_{name}.yaml").read_text())
+        yaml.safe_load((ROOT / f"configs/policy/{task}_{name}.yaml").read_text())
         for name in ("joint", "draft")
     )
     assert (joint["policy"].pop("interface"), draft["policy"].pop("interface")) == ("joint", "raw")
     assert (joint.pop("output_dir"), draft.pop("output_dir")) == (
-        "outputs/place_hammer_joint",
-        "outputs/place_hammer_draft",
+        f"outputs/{task}_joint",
+        f"outputs/{task}_draft",
     )
     assert joint == draft
+    assert joint["dataset"]["root"] == f"datasets/{task}"
