@@ -1,13 +1,21 @@
 """Join a policy to the frozen controller of its interface, which it names but neither trains nor saves."""
 
 import warnings
+from typing import Protocol
 
 from lerobot_dexflex.interfaces import Interface, interface_entry, make_interface
 from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
-from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
 
 
-def link_interface(config: DexflexFlowConfig) -> Interface:
+class LinkConfig(Protocol):
+    """The fields of a policy's configuration that name its interface."""
+
+    interface: str
+    controller: str
+    controller_digest: str
+
+
+def link_interface(config: LinkConfig) -> Interface:
     """Make the interface of a policy; notes the controller's content hash in the configuration.
 
     Warns if the checkpoint was saved with a controller of other content under the same interface.

@@ -10,13 +10,12 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from torch import Tensor, nn
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces import DRAFT_HORIZON
 from lerobot_dexflex.training.dataset_cache import cache_dataset
 from lerobot_policy_dexflex.augmentation import jitter, shift_images, vary_light
+from lerobot_policy_dexflex.chunk_execution import ChunkExecution
 from lerobot_policy_dexflex.compatibility import check_dataset
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
 from lerobot_policy_dexflex.controller_link import link_interface
-from lerobot_policy_dexflex.drafts import displacement_draft, joint_draft
 from lerobot_policy_dexflex.encoders import Observation
 from lerobot_policy_dexflex.flow_network import LAST_TIME, FlowNetwork
 from lerobot_policy_dexflex.normalization import Normalization, compress_touch
@@ -80,7 +79,9 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         self.average = copy.deepcopy(self.network).requires_grad_(False)
         self.register_buffer("updates", torch.zeros((), dtype=torch.int64))
         self.interface = link_interface(config)
-        self.reset()
+        self._execution = ChunkExecution(
+            self.interface, self._n_arm, config.n_action_steps, config.command_gain
+        )
 
     def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the trained weights; the running average is none of them."""
@@ -97,10 +98,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
 
     def reset(self) -> None:
         """Begin a new episode in every row: forget the chunk and the commanded hand."""
-        self.interface.reset()
-        self._chunk: Tensor | None = None
-        self._step = 0
-        self._planned_tips: Tensor | None = None
+        self._execution.reset()
 
     def forward(self, batch: dict[str, Any], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Return the flow-matching loss on `noise_draws` pairs of time and noise per sample.
@@ -187,19 +185,6 @@ class DexflexFlowPolicy(PreTrainedPolicy):
             batch: Observation in raw units; images are read only when a new chunk is planned.
             noise: Start of the flow if this step plans a chunk; see `predict_action_chunk`.
         """
-        if self._chunk is None or self._step >= self.config.n_action_steps:
-            self._chunk, self._step = self.predict_action_chunk(batch, noise), 0
-        arm, hand = self._chunk[..., : self._n_arm], self._chunk[..., self._n_arm :]
-        if self.config.action_space == "joint":
-            draft = joint_draft(hand, self._step, DRAFT_HORIZON)
-        else:
-            planned = hand.double().unflatten(-1, (4, 3))
-            command = self.interface.start(batch)
-            draft = displacement_draft(
-                planned, self._step, DRAFT_HORIZON, command, self._planned_tips, self.config.command_gain
-            )
-            self._planned_tips = planned[:, self._step]
-        hand_targets = self.interface.step(batch, draft).to(self._chunk.dtype)
-        targets = torch.cat([arm[:, self._step], hand_targets], -1)
-        self._step += 1
-        return targets
+        if self._execution.due:
+            self._execution.begin(self.predict_action_chunk(batch, noise))
+        return self._execution.step(batch)

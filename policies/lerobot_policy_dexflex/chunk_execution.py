@@ -1,0 +1,68 @@
+"""Execute predicted chunks step by step through an action interface."""
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from lerobot_dexflex.interfaces import DRAFT_HORIZON, Interface
+from lerobot_policy_dexflex.drafts import displacement_draft, joint_draft
+
+
+class ChunkExecution:
+    """The plan of one policy and how far it has been executed.
+
+    Args:
+        interface: Commands the hand.
+        n_arm: Leading joints of the arm, which are executed as planned.
+        n_steps: Control steps executed before a new chunk is due.
+        command_gain: Part of the lag between planned and executed fingertips that a draft makes up per step.
+    """
+
+    def __init__(self, interface: Interface, n_arm: int, n_steps: int, command_gain: float) -> None:
+        self.interface = interface
+        self._n_arm, self._n_steps, self._command_gain = n_arm, n_steps, command_gain
+        self.reset()
+
+    @property
+    def due(self) -> bool:
+        """Whether a chunk must be planned before the next step."""
+        return self._chunk is None or self._step >= self._n_steps
+
+    def reset(self) -> None:
+        """Begin a new episode in every row: forget the chunk and the commanded hand."""
+        self.interface.reset()
+        self._chunk: Tensor | None = None
+        self._step = 0
+        self._planned_tips: Tensor | None = None
+
+    def begin(self, chunk: Tensor) -> None:
+        """Follow a new chunk from its first step on.
+
+        Args:
+            chunk: Arm joints [rad], then what the interface executes: hand joints [rad] or commanded
+                fingertips in the palm frame [m]. Shape (batch, steps, n_arm + 16 or 12).
+        """
+        self._chunk, self._step = chunk, 0
+
+    def step(self, batch: Mapping[str, Tensor]) -> Tensor:
+        """Return the joint targets of the chunk's next step [rad]. Shape (batch, n_arm + 16).
+
+        Args:
+            batch: Observation in raw units.
+        """
+        assert self._chunk is not None
+        arm, hand = self._chunk[..., : self._n_arm], self._chunk[..., self._n_arm :]
+        if self.interface.command_space == "joint":
+            draft = joint_draft(hand, self._step, DRAFT_HORIZON)
+        else:
+            planned = hand.double().unflatten(-1, (4, 3))
+            command = self.interface.start(batch)
+            draft = displacement_draft(
+                planned, self._step, DRAFT_HORIZON, command, self._planned_tips, self._command_gain
+            )
+            self._planned_tips = planned[:, self._step]
+        hand_targets = self.interface.step(batch, draft).to(self._chunk.dtype)
+        targets = torch.cat([arm[:, self._step], hand_targets], -1)
+        self._step += 1
+        return targets

@@ -1,0 +1,136 @@
+"""`--policy.type=dexflex_adapter`: any chunking policy of LeRobot, executed through an action interface."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import torch
+from draccus.utils import DraccusException
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.constants import ACTION, OBS_STATE
+from torch import Tensor, nn
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_policy_dexflex.chunk_execution import ChunkExecution
+from lerobot_policy_dexflex.configuration_dexflex_adapter import DexflexAdapterConfig
+from lerobot_policy_dexflex.controller_link import link_interface
+from lerobot_policy_dexflex.normalization import action_columns
+
+HAND_JOINTS, TIP_NUMBERS = 16, 12
+
+
+class DexflexAdapterPolicy(PreTrainedPolicy):
+    """A frozen backbone that plans chunks, and the interface that executes them.
+
+    Args:
+        config: Policy configuration; `input_features` are filled in by LeRobot.
+        kwargs: Dataset statistics and metadata, unused: the backbone has its own.
+
+    Raises:
+        DexFlexError: If the backbone cannot be loaded, plans no chunks from one observation, or learned
+            another action than the datasets of `dexflex-record` hold.
+    """
+
+    config_class = DexflexAdapterConfig  # pyright: ignore[reportAssignmentType]
+    name = "dexflex_adapter"  # pyright: ignore[reportAssignmentType]
+    config: DexflexAdapterConfig
+
+    def __init__(self, config: DexflexAdapterConfig, **kwargs: Any) -> None:
+        del kwargs
+        super().__init__(config)
+        n_joints = (config.input_features or {})[OBS_STATE].shape[0]
+        settings = _backbone_config(config)
+        _check(settings, config, n_joints)
+        backbone = get_policy_class(settings.type).from_pretrained(config.backbone_path, config=settings)
+        self.backbone = backbone.eval().requires_grad_(False)
+        self._before, self._after = make_pre_post_processors(
+            settings,
+            config.backbone_path,
+            preprocessor_overrides={"device_processor": {"device": config.device}},
+        )
+        self.interface = link_interface(config)
+        n_arm = n_joints - HAND_JOINTS
+        self._columns = action_columns(n_joints, self.interface.command_space, n_arm)
+        self._execution = ChunkExecution(self.interface, n_arm, config.n_action_steps, config.command_gain)
+
+    def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return nothing: the adapter is not trained."""
+        return []
+
+    def forward(self, batch: dict[str, Any]) -> tuple[Tensor, dict[str, float]]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Refuse to be trained; see `DexflexAdapterConfig.get_optimizer_preset`."""
+        del batch
+        self.config.get_optimizer_preset()
+        raise AssertionError
+
+    def reset(self) -> None:
+        """Begin a new episode in every row."""
+        self.backbone.reset()
+        self._execution.reset()
+
+    @torch.no_grad()
+    def predict_action_chunk(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, batch: Mapping[str, Any]
+    ) -> Tensor:
+        """Let the backbone plan; returns what the interface executes, in raw units.
+
+        Args:
+            batch: Observation in raw units.
+
+        Returns:
+            Arm joints [rad], then hand joints [rad] or commanded fingertips [m]. Shape (batch, steps, ...).
+        """
+        planned = self.backbone.predict_action_chunk(self._before(dict(batch)))
+        return self._after(planned).to(batch[OBS_STATE].device)[..., self._columns]
+
+    @torch.no_grad()
+    def select_action(self, batch: Mapping[str, Any]) -> Tensor:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return joint targets [rad] for this control step, shape (batch, joints); call it at every step.
+
+        Args:
+            batch: Observation in raw units; the backbone sees it only when a new chunk is planned.
+        """
+        if self._execution.due:
+            self._execution.begin(self.predict_action_chunk(batch))
+        return self._execution.step(batch)
+
+
+def _backbone_config(config: DexflexAdapterConfig) -> PreTrainedConfig:
+    remedy = "Name a folder `pretrained_model` or a hub id with --policy.backbone_path=..."
+    if not config.backbone_path:
+        raise DexFlexError(f"dexflex_adapter has no backbone. {remedy}")
+    try:
+        settings = PreTrainedConfig.from_pretrained(config.backbone_path)
+    except (OSError, ValueError, DraccusException) as error:
+        raise DexFlexError(f"{config.backbone_path!r} is no policy of LeRobot: {error}. {remedy}") from error
+    settings.device = config.device
+    return settings
+
+
+def _check(backbone: PreTrainedConfig, config: DexflexAdapterConfig, n_joints: int) -> None:
+    if isinstance(backbone, DexflexAdapterConfig) or backbone.type == "dexflex_flow":
+        raise DexFlexError(
+            f"The backbone is a {backbone.type}, which has its own interface. Load it as the policy, with "
+            f"--policy.path={config.backbone_path} --policy.interface={config.interface}."
+        )
+    feature = (backbone.output_features or {}).get(ACTION)
+    wanted = (n_joints + TIP_NUMBERS,)
+    if feature is None or tuple(feature.shape) != wanted:
+        got = None if feature is None else tuple(feature.shape)
+        raise DexFlexError(
+            f"The backbone's action must have shape {wanted}: {n_joints} joint targets, then {TIP_NUMBERS} "
+            f"numbers of commanded fingertips. Got {got}. "
+            "Train it on a dataset that `dexflex-record` recorded for this robot."
+        )
+    if getattr(backbone, "n_obs_steps", 1) != 1:
+        raise DexFlexError(
+            "The backbone must plan from one observation. "
+            f"Got n_obs_steps {backbone.n_obs_steps}; train it with --policy.n_obs_steps=1, e.g. ACT."
+        )
+    planned = getattr(backbone, "chunk_size", config.n_action_steps)
+    if planned < config.n_action_steps:
+        raise DexFlexError(
+            f"`n_action_steps` must be at most the backbone's chunk of {planned}. "
+            f"Got {config.n_action_steps}."
+        )

@@ -1,0 +1,103 @@
+"""Any chunking policy of LeRobot below any interface."""
+
+from typing import Any, cast
+
+import pytest
+import torch
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.kinematics import fingertips
+
+
+@pytest.fixture(scope="module")
+def backbone(synthetic_dataset, tmp_path_factory):
+    """Save an untrained ACT with its processors, as lerobot-train does."""
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+    from lerobot.policies import make_policy
+    from lerobot.policies.act.configuration_act import ACTConfig
+    from lerobot.policies.factory import make_pre_post_processors
+
+    torch.manual_seed(0)
+    meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
+    config = ACTConfig(
+        dim_model=32,
+        n_heads=2,
+        dim_feedforward=32,
+        n_encoder_layers=1,
+        n_vae_encoder_layers=1,
+        pretrained_backbone_weights=None,
+        chunk_size=12,
+        n_action_steps=12,
+        device="cpu",
+        push_to_hub=False,
+    )
+    policy = make_policy(config, ds_meta=meta)
+    folder = tmp_path_factory.mktemp("act")
+    policy.save_pretrained(folder)
+    for processor in make_pre_post_processors(config, dataset_stats=cast(Any, meta.stats)):
+        processor.save_pretrained(folder)
+    return folder
+
+
+@pytest.fixture
+def adapter(backbone):
+    """Return a function that puts an interface under it, as lerobot-eval does."""
+    from lerobot.policies import make_policy
+
+    from lerobot_policy_dexflex import DexflexAdapterConfig, DexflexEnvConfig
+
+    def build(**settings):
+        config = DexflexAdapterConfig(
+            **{"backbone_path": str(backbone), "device": "cpu", "push_to_hub": False, **settings}
+        )
+        return make_policy(config, env_cfg=DexflexEnvConfig(task="PlaceHammer-v0"))
+
+    return build
+
+
+@pytest.mark.parametrize("interface", ["joint", "raw", "filter", "dexgen", "dexflex"])
+def test_one_checkpoint_serves_every_interface(adapter, observation, interface):
+    policy = adapter(interface=interface)
+    before = {key: value.clone() for key, value in policy.state_dict().items()}
+    targets = torch.stack([policy.select_action(observation) for _ in range(9)])  # Into the second chunk.
+    assert targets.shape == (9, 4, 23)
+    assert torch.isfinite(targets).all()
+    assert all(torch.equal(value, before[key]) for key, value in policy.state_dict().items())
+
+
+def test_the_plan_is_the_backbones_in_raw_units(adapter, backbone, observation):
+    from lerobot.policies.act.modeling_act import ACTPolicy
+    from lerobot.policies.factory import make_pre_post_processors
+
+    act = ACTPolicy.from_pretrained(backbone)
+    before, after = make_pre_post_processors(act.config, str(backbone))
+    planned = after(act.predict_action_chunk(before(dict(observation))))
+    joint, raw = adapter(interface="joint"), adapter(interface="raw")
+    torch.testing.assert_close(joint.predict_action_chunk(observation), planned[..., :23])
+    tips = raw.predict_action_chunk(observation)
+    torch.testing.assert_close(tips, planned[..., [*range(7), *range(23, 35)]])
+    torch.testing.assert_close(joint.select_action(observation), planned[:, 0, :23])
+    targets = raw.select_action(observation)
+    torch.testing.assert_close(targets[:, :7], planned[:, 0, :7])
+    # The IK moves the fingertips toward the plan; this untrained plan may be out of reach.
+    start = fingertips(observation["observation.state"][:, 7:].double()).flatten(1)
+    reached = fingertips(targets[:, 7:].double()).flatten(1)
+    assert ((reached - tips[:, 0, 7:]).norm(dim=1) < (start - tips[:, 0, 7:]).norm(dim=1)).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"backbone_path": ""}, "has no backbone"),
+        ({"backbone_path": "no/such-folder/anywhere"}, "is no policy of LeRobot"),
+        ({"n_action_steps": 20}, "at most the backbone's chunk of 12"),
+    ],
+)
+def test_what_cannot_be_a_backbone_is_refused(adapter, settings, message):
+    with pytest.raises(DexFlexError, match=message):
+        adapter(**settings)
+
+
+def test_it_refuses_to_be_trained(adapter):
+    with pytest.raises(DexFlexError, match="Train its backbone"):
+        adapter().config.get_optimizer_preset()
