@@ -32,6 +32,7 @@ def parser() -> argparse.ArgumentParser:
     add("--interfaces", nargs="+", default=["joint", "raw", "filter"], help="default: joint raw filter")
     add("--episodes", type=int, help=f"episodes per interface; default 100, {DEMO_EPISODES} with --demo")
     add("--seed", type=int, default=100_000, help="episode i uses seed SEED + i; default 100000 (held out)")
+    add("--disturbance", default="none", help="none, heavy, slippery, pushed or late_touch; default none")
     add("--joint-policy", type=Path, help="folder pretrained_model; default: the shipped checkpoint")
     add("--draft-policy", type=Path, help="the same for all interfaces that read drafts")
     add("--controller", default="", help="folder or hub id, for dexgen and dexflex; default: the shipped one")
@@ -100,6 +101,7 @@ def build(options: argparse.Namespace) -> Any:
         seed=options.seed,
         batch_size=options.batch_size,
         videos=videos if options.videos is None else options.videos,
+        disturbance=options.disturbance,
         rerun=options.rerun,
     )
     if options.output is None:

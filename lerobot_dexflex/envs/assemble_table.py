@@ -22,7 +22,7 @@ from lerobot_dexflex.envs.leg_and_socket import (
 from lerobot_dexflex.envs.scene import add_camera, add_studio, add_table, add_wrist_camera
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import rotation_matrix
-from lerobot_dexflex.hand.contacts import contact_names
+from lerobot_dexflex.hand.contacts import contact_names, touched_by_hand
 
 ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, -3 * np.pi / 2)
 """Arm at the start [rad]: palm down, joint 7 wound back so that it can screw a full turn without regrasp."""
@@ -69,6 +69,7 @@ class AssembleTableEnv(HandEnv):
     """
 
     task = "AssembleTable-v0"
+    manipulated = "leg"
 
     def _sample_episode(self, rng: np.random.Generator) -> LegEpisode:
         tilt, direction = rng.uniform(0, 0.03), rng.uniform(-np.pi, np.pi)
@@ -140,7 +141,7 @@ class AssembleTableEnv(HandEnv):
         touched = contact_names(self.model, self.data, "leg")
         position, rotation = self.leg_pose
         centre = position + rotation[:, 2] * LEG_LENGTH / 2
-        by_hand = any(name[:2] in robot.FINGERS or name.startswith("palm") for name in touched)
+        by_hand = touched_by_hand(touched)
         holding = "th_ds" in touched and bool({"if_ds", "mf_ds"} & touched)
         upright = rotation[2, 2] > np.cos(np.radians(5))
         away = np.linalg.norm(self.data.site_xpos[self._tips] - centre, axis=1).min() > 0.08

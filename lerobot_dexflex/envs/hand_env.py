@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from lerobot_dexflex.envs.disturbance import find_disturbance
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.errors import DexFlexError
@@ -59,6 +60,7 @@ class HandEnv(gymnasium.Env):
         image_size: Width and height of the observed images [pixel].
         render_size: Width and height of `render()`'s image [pixel].
         touch: Sensor effects; `TouchConfig.ideal()` switches them off.
+        disturbance: What differs from the demonstrations: a name of `disturbance.DISTURBANCES`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -68,6 +70,8 @@ class HandEnv(gymnasium.Env):
     task: ClassVar[str]
     """Name in `TASKS`."""
     joints: ClassVar[tuple[str, ...]] = robot.JOINTS
+    manipulated: ClassVar[str]
+    """Name of the body that the hand is to move."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
@@ -80,6 +84,7 @@ class HandEnv(gymnasium.Env):
         image_size: int = 96,
         render_size: int = 256,
         touch: TouchConfig | None = None,
+        disturbance: str = "none",
     ) -> None:
         unknown = set(cameras) - set(CAMERAS)
         if unknown:
@@ -90,7 +95,8 @@ class HandEnv(gymnasium.Env):
         self.task_description = TASKS[self.task].description
         self._cameras = tuple(cameras)
         self._image_size, self._render_size = image_size, render_size
-        self._touch_config = touch or TouchConfig()
+        self._disturbance = find_disturbance(disturbance)
+        self._touch_config = self._disturbance.touch(touch or TouchConfig())
         limits = {link.joint: link.joint_range for link in (*robot.xarm7.LINKS, *robot.leap.LINKS)}
         low, high = np.array([limits[name] for name in self.joints]).T
         self._low, self._high = low, high
@@ -168,6 +174,9 @@ class HandEnv(gymnasium.Env):
             bad = [self.joints[k] for k in np.flatnonzero(~np.isfinite(target))]
             raise DexFlexError(f"The action holds NaN or infinity at {bad}; send finite joint targets [rad].")
         target = np.clip(target, self._low, self._high)
+        if self._disturbance.push:
+            push = self._disturbance.force(self.np_random, self._weight, self.memory)
+            self.data.xfrc_applied[self._object, :3] = push
         model, data, start = self.model, self.data, self._command
         stride = (target - start) / robot.SUBSTEPS
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
@@ -229,6 +238,9 @@ class HandEnv(gymnasium.Env):
         spec = self._build(episode)
         add_touch(spec, self._touch_config)
         self.model = spec.compile()
+        self._object = self.model.body(self.manipulated).id
+        self._weight = float(self.model.body_mass[self._object] * np.linalg.norm(self.model.opt.gravity))
+        self._disturbance.change(self.model, self.manipulated)
         self.data = mujoco.MjData(self.model)
         self._touch = TouchSensor(self.model, self._touch_config)
         self._film = Camera(self.model, "front", self._render_size, self._render_size)

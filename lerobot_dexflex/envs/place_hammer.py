@@ -16,7 +16,7 @@ from lerobot_dexflex.envs.scene import (
     add_wrist_camera,
 )
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import contact_names
+from lerobot_dexflex.hand.contacts import contact_names, touched_by_hand
 
 ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
 """Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
@@ -67,6 +67,7 @@ class PlaceHammerEnv(HandEnv):
     """
 
     task = "PlaceHammer-v0"
+    manipulated = "hammer"
 
     def _sample_episode(self, rng: np.random.Generator) -> HammerEpisode:
         return HammerEpisode(
@@ -119,7 +120,7 @@ class PlaceHammerEnv(HandEnv):
         touching = contact_names(self.model, self.data, "hammer")
         position, rotation = self.hammer_pose
         fingers = [f"{f}_ds" in touching for f in robot.FINGERS]
-        by_hand = any(name[:2] in robot.FINGERS or name.startswith("palm") for name in touching)
+        by_hand = touched_by_hand(touching)
         holding = fingers[3] and any(fingers[:3])
         upright = rotation[2, 2] > np.cos(np.radians(6))
         on_prongs = {"prong0", "prong1"} <= touching

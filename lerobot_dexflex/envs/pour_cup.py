@@ -17,7 +17,7 @@ from lerobot_dexflex.envs.scene import (
     add_wrist_camera,
 )
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import contact_names
+from lerobot_dexflex.hand.contacts import contact_names, touched_by_hand
 
 ARM_START = (0.278, 0.134, 0.160, 0.248, 3.662, 1.481, -1.647)
 """Arm at the start of an episode [rad]: the flange points forward, the hand is behind the handle."""
@@ -82,6 +82,7 @@ class PourCupEnv(HandEnv):
     """
 
     task = "PourCup-v0"
+    manipulated = "pitcher"
 
     def _sample_episode(self, rng: np.random.Generator) -> PourEpisode:
         return PourEpisode(
@@ -141,7 +142,7 @@ class PourCupEnv(HandEnv):
         touching = contact_names(self.model, self.data, "pitcher")
         position, rotation = self.pitcher_pose
         fingers = [f"{f}_ds" in touching for f in robot.FINGERS]
-        by_hand = any(name[:2] in robot.FINGERS or name.startswith("palm") for name in touching)
+        by_hand = touched_by_hand(touching)
         holding = fingers[3] and any(fingers[:3])
         inside, lost = self._count_balls()
         enough = SHARE * self.episode.balls

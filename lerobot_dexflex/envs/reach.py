@@ -85,6 +85,7 @@ class ReachEnv(HandEnv):
     """
 
     task = "Reach-v0"
+    manipulated = OBJECT
     joints = robot.HAND_JOINTS
 
     def __init__(self, goals: int = 1, gravity_rate: float = 0.0, **options: Any) -> None:

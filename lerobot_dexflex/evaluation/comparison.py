@@ -11,6 +11,7 @@ import gymnasium
 import torch
 from tqdm import tqdm
 
+from lerobot_dexflex.envs.disturbance import find_disturbance
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Outcome
 from lerobot_dexflex.evaluation.provenance import (
@@ -62,6 +63,8 @@ class Comparison:
     """Episodes that run in lock-step; part of the settings, because batched sums round differently."""
     videos: int = 4
     """The first so many episodes are filmed."""
+    disturbance: str = "none"
+    """What differs from the demonstrations: a name of `envs.disturbance.DISTURBANCES`."""
     rerun: bool = False
     """Also log the filmed episodes as rerun recordings."""
 
@@ -72,12 +75,15 @@ class Comparison:
         for name in ("seed", "videos"):
             if getattr(self, name) < 0:
                 raise DexFlexError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        find_disturbance(self.disturbance)
         if not self.interfaces or len(set(self.interfaces)) < len(self.interfaces):
             raise DexFlexError(f"`interfaces` must be one or more different names. Got {self.interfaces}.")
 
     def identity(self) -> dict[str, Any]:
         """Return the settings on which every episode depends; the number of episodes is free to grow."""
         names = {"env": self.env_id, "interfaces": " ".join(self.interfaces)}
+        if self.disturbance != "none":
+            names["disturbance"] = self.disturbance
         numbers = {"seed": self.seed, "batch_size": self.batch_size}
         return names | numbers | self.policies.identity(self.interfaces) | environment_identity()
 
@@ -93,7 +99,7 @@ class Comparison:
     def run_job(self, store: Store[Outcome], number: int) -> list[Outcome]:
         """Run and store the group of one interface."""
         interface, (first, end) = self.jobs()[number]
-        environments = [_environment(self.env_id, row) for row in range(end - first)]
+        environments = [_environment(self.env_id, self.disturbance, row) for row in range(end - first)]
         watchers = {k - first: self._watchers(interface, k) for k in range(first, min(end, self.videos))}
         seeds = [self.seed + k for k in range(first, end)]
         recorders = run_group(environments, _controller(self.policies, interface), seeds, watchers)
@@ -115,10 +121,11 @@ class Comparison:
 
 
 @functools.cache
-def _environment(env_id: str, row: int) -> gymnasium.Env:
+def _environment(env_id: str, disturbance: str, row: int) -> gymnasium.Env:
     """Return this process's environment of a row; `reset` alone decides an episode, so it is re-used."""
     del row
-    return gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True)
+    options = {} if disturbance == "none" else {"disturbance": disturbance}
+    return gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True, **options)
 
 
 @functools.cache

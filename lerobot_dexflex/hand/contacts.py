@@ -88,6 +88,11 @@ def contact_names(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> set[
     return found
 
 
+def touched_by_hand(names: set[str]) -> bool:
+    """Say whether a link of the hand is among the names of `contact_names`."""
+    return any(name[:2] in FINGERS or name.startswith("palm") for name in names)
+
+
 def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 12) -> PadSolution:
     """Find joints that lay each pad flat on a surface point: damped least squares, one finger at a time.
 

@@ -32,6 +32,7 @@ def script():
         ),
         (["--workers", "-1"], "`--workers` must not be negative. Got -1."),
         (["--episodes", "0"], "`episodes` must be at least 1. Got 0."),
+        (["--disturbance", "windy"], "Unknown disturbance 'windy'. Valid: none, heavy"),
     ],
 )
 def test_bad_input_gets_one_clear_line(script, capsys, arguments, message):
