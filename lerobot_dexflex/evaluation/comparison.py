@@ -124,7 +124,7 @@ class Comparison:
 def _environment(env_id: str, disturbance: str, row: int) -> gymnasium.Env:
     """Return this process's environment of a row; `reset` alone decides an episode, so it is re-used."""
     del row
-    options = {} if disturbance == "none" else {"disturbance": disturbance}
+    options: dict[str, Any] = {} if disturbance == "none" else {"disturbance": disturbance}
     return gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True, **options)
 
 
