@@ -37,17 +37,17 @@ def main(arguments: list[str] | None = None) -> int:
 
     search = Search(options.output, options.chains, options.chains_per_search, options.controller)
     try:
-        rows = run_search(search, options.trials, options.workers)
-        effects = fit(rows)
+        trials = run_search(search, options.trials, options.workers)
+        effects = fit(trials)
     except DexFlexError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nInterrupted; finished trials are kept. The same command continues.", file=sys.stderr)
         return 130
-    episodes = [value for row in rows for value in row["progress"]]
+    episodes = [value for trial in trials for value in trial.progress]
     print(
-        f"\n{len(rows)} trials, {len(episodes)} episodes, mean progress {sum(episodes) / len(episodes):.3f}"
+        f"\n{len(trials)} trials, {len(episodes)} episodes, mean progress {sum(episodes) / len(episodes):.3f}"
     )
     print("\n| setting | half the range is worth | best |\n| --- | --- | --- |")
     for effect in effects:

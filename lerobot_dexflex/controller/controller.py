@@ -184,14 +184,14 @@ class DexFlexController(nn.Module, ModelHubMixin):
         chunks = candidates.chunks
         dream = self.dream(state, candidates)
         latent = dream.latent if settings.use_dream else torch.zeros_like(dream.latent)
+        branch = candidates.branch.to(draft.device)
         if settings.use_score:
             score = self.score(state, draft, drafts_history, candidates, latent)
+            score = score + settings.contact_bias * (branch == CONTACT)
         else:
             score = -distance_to(chunks, draft)
             if chunks.shape[1] > 1:  # The draft itself would always win.
-                score = score.masked_fill(candidates.branch.to(draft.device) == DRAFT, -torch.inf)
-        if settings.use_score:
-            score = score + settings.contact_bias * (candidates.branch.to(draft.device) == CONTACT)
+                score = score.masked_fill(branch == DRAFT, -torch.inf)
         best = score.argmax(1)
         if settings.temperature > 0:
             weights = (score / settings.temperature).softmax(1)

@@ -7,6 +7,7 @@ objects and goals that the operator never tried, so neither tuning nor test obje
 
 import functools
 import json
+from collections.abc import Hashable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,10 @@ from lerobot_dexflex.controller.settings import ProjectionSettings
 from lerobot_dexflex.corpus.distortion import sample_corruption
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.degraded.chain_book import ChainBook
-from lerobot_dexflex.interfaces.controller_folder import find_controller
+from lerobot_dexflex.evaluation.provenance import environment_identity
+from lerobot_dexflex.evaluation.store import Store
+from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, controller_digest, find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 from lerobot_dexflex.recording.workers import run_numbered
 
@@ -46,11 +50,56 @@ _LEAST = 320
 
 
 @dataclass(frozen=True)
+class Trial:
+    """Settings and what a batch of episodes did with them."""
+
+    number: int
+    settings: dict[str, float]
+    """Of `ProjectionSettings`."""
+    chains: list[int]
+    """Seeds of the chains."""
+    corruptions: list[str]
+    progress: list[float]
+    dropped: list[bool]
+
+    @property
+    def job(self) -> Hashable:
+        """What was run together."""
+        return self.number
+
+    @property
+    def group(self) -> tuple[int, int]:
+        """A trial is one result."""
+        return (0, 1)
+
+    @property
+    def episode(self) -> int:
+        """Its index in the group."""
+        return 0
+
+    def line(self) -> str:
+        """Return the trial as one line of JSON."""
+        return json.dumps(asdict(self)) + "\n"
+
+    @classmethod
+    def parse(cls, line: str) -> "Trial":
+        """Inverse of `line`.
+
+        Raises:
+            ValueError: If the line is torn or of another form.
+        """
+        try:
+            return cls(**json.loads(line))
+        except TypeError as error:
+            raise ValueError(f"Not a trial: {line[:80]!r}") from error
+
+
+@dataclass(frozen=True)
 class Search:
     """What to run.
 
     Args:
-        output: Folder; holds `trials.jsonl`, which a later call continues.
+        output: Folder of the trials, which a later call continues.
         chains: Folder of goal chains, built where missing.
         n_chains: Starts that the trials draw from.
         controller: Folder of a controller; the shipped one if None. Its networks choose nothing here.
@@ -66,8 +115,14 @@ class Search:
         """The chains."""
         return ChainBook(self.chains / f"unverified_{TRAINING_SEED}.jsonl", TRAINING_SEED, verified=False)
 
+    def identity(self) -> dict[str, Any]:
+        """Return what every trial depends on."""
+        folder = find_controller(self.controller, DEXFLEX_FILES)
+        names = {"chains": self.n_chains, "controller": controller_digest(folder, "dexflex")}
+        return names | environment_identity()
 
-def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -> list[dict[str, Any]]:
+
+def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -> list[Trial]:
     """Run trials until there are `trials` and return all that are finished.
 
     Args:
@@ -75,28 +130,29 @@ def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -
         trials: How many settings to draw; the n-th is always the same.
         workers: Worker processes; 0 works in this one.
         quiet: Show no progress bar.
+
+    Raises:
+        DexFlexError: If the output folder holds trials of other settings or code.
     """
     search.book.ensure(search.n_chains, workers, quiet)
-    path = search.output / "trials.jsonl"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    done = (
-        {row["trial"]: row for row in map(json.loads, path.read_text().splitlines())} if path.exists() else {}
-    )
+    store = Store(search.output, search.identity(), Trial.parse)
+    done = {trial.number: trial for trial in store.load()}
     waiting = iter([n for n in range(trials) if n not in done])
-    with tqdm(total=trials, initial=len(done), unit="trial", disable=quiet) as bar, path.open("a") as file:
-        for row in run_numbered(functools.partial(run_trial, search), lambda _: next(waiting, None), workers):
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-            done[row["trial"]] = row
+    with tqdm(total=trials, initial=len(done), unit="trial", disable=quiet) as bar:
+        for trial in run_numbered(
+            functools.partial(run_trial, search), lambda _: next(waiting, None), workers
+        ):
+            store.append([trial])
+            done[trial.number] = trial
             bar.update()
     return [done[n] for n in sorted(done)]
 
 
-def run_trial(search: Search, number: int) -> dict[str, Any]:
-    """Draw settings and run a batch of episodes with them; returns both."""
+def run_trial(search: Search, number: int) -> Trial:
+    """Draw settings and run a batch of episodes with them."""
     rng = np.random.default_rng((number, 17))
     settings = ProjectionSettings(**{key: float(rng.uniform(*ends)) for key, ends in RANGES.items()})
-    chains = search.book.load(search.n_chains)
+    chains = _chains(search)
     chosen = [chains[k] for k in rng.choice(len(chains), min(BATCH, len(chains)), replace=False)]
     corruptions = [sample_corruption(rng, CLEAN_SHARE) for _ in chosen]
     only = SelectionSettings(
@@ -104,14 +160,14 @@ def run_trial(search: Search, number: int) -> dict[str, Any]:
     )
     interface = DexFlexInterface(_controller(search.controller), only)
     episodes = run_chains(chosen, corruptions, interface, seed=number, batch=BATCH)
-    return {
-        "trial": number,
-        "settings": asdict(settings),
-        "chains": [episode.chain.seed for episode in episodes],
-        "corruptions": [episode.corruption.name for episode in episodes],
-        "progress": [episode.progress for episode in episodes],
-        "dropped": [episode.dropped for episode in episodes],
-    }
+    return Trial(
+        number=number,
+        settings=asdict(settings),
+        chains=[episode.chain.seed for episode in episodes],
+        corruptions=[episode.corruption.name for episode in episodes],
+        progress=[float(episode.progress) for episode in episodes],
+        dropped=[bool(episode.dropped) for episode in episodes],
+    )
 
 
 @dataclass(frozen=True)
@@ -127,21 +183,21 @@ class Effect:
     """Where the quadratic is highest within the range, in the setting's unit."""
 
 
-def fit(rows: list[dict[str, Any]]) -> list[Effect]:
+def fit(trials: list[Trial]) -> list[Effect]:
     """Fit progress = family + sum of quadratics, by least squares.
 
     Args:
-        rows: From `run_search`.
+        trials: From `run_search`.
 
     Raises:
         DexFlexError: If there are too few episodes to tell settings apart.
     """
-    if (found := sum(len(row["progress"]) for row in rows)) < _LEAST:
+    if (found := sum(len(trial.progress) for trial in trials)) < _LEAST:
         raise DexFlexError(f"{found} episodes cannot tell the settings apart; run {_LEAST} or more.")
-    unit = np.array([_unit(row["settings"]) for row in rows for _ in row["progress"]])
-    families = [name.partition("_")[0] for row in rows for name in row["corruptions"]]
+    unit = np.array([_unit(trial.settings) for trial in trials for _ in trial.progress])
+    families = [name.partition("_")[0] for trial in trials for name in trial.corruptions]
     dummies = np.array([[name == other for other in sorted(set(families))] for name in families], float)
-    progress = np.concatenate([row["progress"] for row in rows])
+    progress = np.concatenate([trial.progress for trial in trials])
     model = sm.OLS(progress, np.hstack([dummies, unit, unit**2])).fit()
     first, count = dummies.shape[1], len(RANGES)
     grid = np.linspace(-1, 1, 201)
@@ -157,6 +213,11 @@ def fit(rows: list[dict[str, Any]]) -> list[Effect]:
 def _unit(settings: dict[str, float]) -> NDArray[np.float64]:
     """Return settings as numbers in [-1, 1]."""
     return np.array([2 * (settings[key] - low) / (high - low) - 1 for key, (low, high) in RANGES.items()])
+
+
+@functools.cache
+def _chains(search: Search) -> list[Chain]:
+    return search.book.load(search.n_chains)
 
 
 @functools.cache
