@@ -20,7 +20,7 @@ from lerobot_dexflex.controller.chunks import (
     seed_chunks,
 )
 from lerobot_dexflex.controller.config import ControllerConfig
-from lerobot_dexflex.controller.decoder import Decoder
+from lerobot_dexflex.controller.decoder import HAND_DOFS, Decoder
 from lerobot_dexflex.controller.encoder import Encoder, State
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.prior import Prior
@@ -200,7 +200,9 @@ class DexFlexController(nn.Module, ModelHubMixin):
         else:
             rows = torch.arange(len(best), device=best.device)
             chunk, outcome = chunks[rows, best], latent[rows, best]
-        residual = self.decode(state, chunk, outcome) * float(settings.use_residual)
+        residual = chunk.new_zeros(len(chunk), HAND_DOFS)
+        if settings.use_residual:
+            residual = self.decode(state, chunk, outcome)
         return Selection(settings.output_gain * chunk, residual, best, score, candidates, dream)
 
     def part_sizes(self) -> dict[str, int]:

@@ -8,7 +8,7 @@ from lerobot_dexflex.controller.chunks import residual_block
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.encoder import State
 
-_JOINTS = 16
+HAND_DOFS = 16
 
 
 class Decoder(nn.Module):
@@ -20,7 +20,7 @@ class Decoder(nn.Module):
         self.bound = config.residual_bound
         self.inputs = nn.Linear(config.feature_width + config.chunk_width + config.latent_width, width)
         self.first, self.second = nn.Linear(width, width), nn.Linear(width, width)
-        self.out = nn.Linear(width, _JOINTS)
+        self.out = nn.Linear(width, HAND_DOFS)
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)
 

@@ -77,8 +77,9 @@ class SelectionSettings:
     """Whether the encoder sees touch."""
     use_slow: bool = True
     """Whether the networks see the slow token."""
-    use_residual: bool = True
-    """Whether the decoder corrects the joint targets."""
+    use_residual: bool = False
+    """Whether the decoder corrects the joint targets. Off, because it costs progress: -.05 over the corruption
+    families and -.07 on clean commands (30 tuning objects, log in `eval/README.md`)."""
     output_gain: float = 1.0
     """Scale of the executed displacement."""
     seed: int = 0

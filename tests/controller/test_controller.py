@@ -7,7 +7,7 @@ import torch
 from lerobot_dexflex.controller import ControllerConfig, DexFlexController, SelectionSettings
 from lerobot_dexflex.errors import DexFlexError
 
-FEW = SelectionSettings(n_pure=6, n_seeded=5)
+FEW = SelectionSettings(use_residual=True, n_pure=6, n_seeded=5)
 
 
 def row(values, k):

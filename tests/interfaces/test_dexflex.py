@@ -25,7 +25,7 @@ def flex(controller, **switches) -> Any:
 
 
 def test_the_draft_alone_under_an_untrained_decoder_is_executed_bit_for_bit_as_raw_does():
-    interface: Any = flex(DexFlexController(), n_pure=0, n_seeded=0)
+    interface: Any = flex(DexFlexController(), n_pure=0, n_seeded=0, use_residual=True)
     raw: Any = RawInterface()
     for k in range(5):
         seen, draft = observation(2, k), draft_of(2, k)
@@ -34,7 +34,7 @@ def test_the_draft_alone_under_an_untrained_decoder_is_executed_bit_for_bit_as_r
 
 
 def test_it_executes_the_selected_chunk_and_its_correction(controller):
-    interface, seen, draft = flex(controller), observation(2), draft_of(2)
+    interface, seen, draft = flex(controller, use_residual=True), observation(2), draft_of(2)
     joints = interface.step(seen, draft.double())
     past = HistoryBuffer()
     state = controller.encode(past.observe(seen))
@@ -42,6 +42,7 @@ def test_it_executes_the_selected_chunk_and_its_correction(controller):
     start = seen[STATE][:, -16:]
     tips = fingertips(start) + selection.chunk[:, 0]
     raw = solve_fingertips(tips, start)
+    assert selection.residual.any()
     torch.testing.assert_close(joints, raw + selection.residual, rtol=0, atol=1e-6)
     moved = tips + fingertips(joints) - fingertips(raw)
     torch.testing.assert_close(interface.command, moved, rtol=0, atol=1e-7)
