@@ -2,11 +2,11 @@
 
 Fingers that carry the object move together: their common rigid motion passes, what they do against each
 other is damped, and not passed at all where it would open the grasp. Everything goes slowly. A small servo
-holds the squeeze, and a finger that lost the object a moment ago returns to it. Where there is no
-grasp to protect, because none has formed yet or the drafts ask to let go for long enough, they pass as they
-are. Rigid-motion and freeze-a-finger candidates were the favourites of the simulator oracle in our
-prototype; this is their closed form, with gains found by random search on training objects (log in
-`eval/README.md`).
+holds the squeeze but never loosens what the draft presses, and a finger that lost the object a moment ago
+returns to it. Where there is no grasp to protect, because none has formed yet or the drafts ask to let go for
+long enough, they pass as they are. Rigid-motion and freeze-a-finger candidates were the favourites of the
+simulator oracle in our prototype; this is their closed form, with gains found by random search on training
+objects (log in `eval/README.md`).
 """
 
 import torch
@@ -63,8 +63,10 @@ def project_draft(
     moved = torch.where(held, settings.gain * together, settings.free_gain * asked)
     moved = moved * (settings.speed / moved.norm(dim=-1, keepdim=True).clamp(min=1e-9)).clamp(max=1.0)
     squeeze = (settings.squeeze_gain * (settings.preload - loads[:, 0])).clamp(-_MAX_RELIEF, _MAX_SQUEEZE)
-    toward = (squeeze + settings.return_speed * ~loaded) * recent
-    moved = moved + toward[:, None, :, None] * inward
+    squeeze = (squeeze * recent)[:, None, :, None].expand_as(normal)
+    squeeze = torch.where(normal > 0, squeeze.clamp(min=0), squeeze)  # It never loosens what the draft presses.
+    back = (settings.return_speed * ~loaded * recent)[:, None, :, None]
+    moved = moved + (squeeze + back) * inward
 
     slow = history.slow_loads.masked_fill(missing, 0.0) > CONTACT_FORCE  # (batch, 8, 4)
     formed = (slow.sum(-1) >= _PAIR).any(1) & recent.any(1)

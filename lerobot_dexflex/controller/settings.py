@@ -28,8 +28,9 @@ class ProjectionSettings:
     """Largest displacement of a fingertip before the squeeze is added [m] per step."""
     squeeze_gain: float = 7e-5
     """Inward displacement per missing newton and step [m/N]."""
-    preload: float = 2.0
-    """Normal force that the squeeze servo aims at [N]."""
+    preload: float = 4.0
+    """Normal force that the squeeze servo aims at [N]. Anything from 2 to 4 N serves Reach's light objects alike;
+    tools need more."""
     return_speed: float = 1.2e-3
     """Inward displacement of a finger that lost the object up to 3 steps ago [m] per step."""
 

@@ -137,6 +137,16 @@ def test_too_little_load_is_pressed_and_too_much_relieved():
     )
 
 
+def test_a_squeeze_that_the_draft_asks_for_is_never_relieved():
+    settings = dataclasses.replace(PLAIN, squeeze_gain=1e-4, preload=1.0)
+    pressing = held(1e-3 * INWARD)
+    servoed = project_draft(pressing, history([8.0] * 4), settings)
+    alone = project_draft(pressing, history([8.0] * 4), dataclasses.replace(settings, squeeze_gain=0.0))
+    torch.testing.assert_close(servoed, alone, atol=1e-9, rtol=0)
+    opening = project_draft(-pressing, history([8.0] * 4), settings)
+    assert ((opening * INWARD[:, None]).sum(-1) < -1e-4).all()
+
+
 def test_without_touch_only_gain_and_limit_are_left():
     settings = ProjectionSettings(free_gain=0.5, speed=1.0)
     moved = project_draft(rigid(), history([1.0] * 4, missing=(0, 1, 2, 3)), settings)

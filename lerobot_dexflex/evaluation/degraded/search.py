@@ -37,7 +37,7 @@ RANGES = {
     "closing_gain": (0.0, 1.2),
     "speed": (5e-4, 4e-3),
     "squeeze_gain": (0.0, 2e-4),
-    "preload": (0.5, 3.0),
+    "preload": (0.5, 6.0),
     "return_speed": (0.0, 2.5e-3),
 }
 """Where every field of `ProjectionSettings` is drawn, uniformly."""
