@@ -35,6 +35,7 @@ def parser() -> argparse.ArgumentParser:
     add("--disturbance", default="none", help="none, heavy, slippery, pushed or late_touch; default none")
     add("--joint-policy", type=Path, help="folder pretrained_model; default: the shipped checkpoint")
     add("--draft-policy", type=Path, help="the same for all interfaces that read drafts")
+    add("--backbone", type=Path, help="folder pretrained_model of ACT or another policy of LeRobot instead")
     add("--controller", default="", help="folder or hub id, for dexgen and dexflex; default: the shipped one")
     add("--device", default="cpu", help="torch device of the policies; default cpu")
     add("--workers", type=int, default=2, help="worker processes; does not change results; default 2")
@@ -75,7 +76,7 @@ def build(options: argparse.Namespace) -> Any:
         DexFlexError: If the task, an interface or a checkpoint does not exist or does not fit.
     """
     from lerobot_dexflex.evaluation.comparison import Comparison
-    from lerobot_dexflex.evaluation.policies import LeRobotPolicies
+    from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies
     from lerobot_dexflex.evaluation.provenance import identity_digest
     from lerobot_dexflex.interfaces import interface_entry
 
@@ -85,12 +86,17 @@ def build(options: argparse.Namespace) -> Any:
         interface_entry(name)
     if options.workers < 0:
         raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")
-    policies = LeRobotPolicies(
-        joint=options.joint_policy or shipped(options.task, "joint"),
-        draft=options.draft_policy or shipped(options.task, "draft"),
-        device=options.device,
-        controller=options.controller,
-    )
+    shared = {"device": options.device, "controller": options.controller}
+    if options.backbone is None:
+        joint = options.joint_policy or shipped(options.task, "joint")
+        draft = options.draft_policy or shipped(options.task, "draft")
+        policies = LeRobotPolicies(joint, draft, **shared)
+    elif options.joint_policy or options.draft_policy:
+        raise DexFlexError(
+            "Give --backbone, which serves all interfaces, or --joint-policy and --draft-policy."
+        )
+    else:
+        policies = AdaptedPolicies(options.backbone, **shared)
     episodes, videos = (DEMO_EPISODES, DEMO_VIDEOS) if options.demo else (100, 4)
     comparison = Comparison(
         env_id=f"{NAMESPACE}/{options.task}",

@@ -64,7 +64,9 @@ def project_draft(
     moved = moved * (settings.speed / moved.norm(dim=-1, keepdim=True).clamp(min=1e-9)).clamp(max=1.0)
     squeeze = (settings.squeeze_gain * (settings.preload - loads[:, 0])).clamp(-_MAX_RELIEF, _MAX_SQUEEZE)
     squeeze = (squeeze * recent)[:, None, :, None].expand_as(normal)
-    squeeze = torch.where(normal > 0, squeeze.clamp(min=0), squeeze)  # It never loosens what the draft presses.
+    squeeze = torch.where(
+        normal > 0, squeeze.clamp(min=0), squeeze
+    )  # It never loosens what the draft presses.
     back = (settings.return_speed * ~loaded * recent)[:, None, :, None]
     moved = moved + (squeeze + back) * inward
 

@@ -29,8 +29,8 @@ class ProjectionSettings:
     squeeze_gain: float = 7e-5
     """Inward displacement per missing newton and step [m/N]."""
     preload: float = 4.0
-    """Normal force that the squeeze servo aims at [N]. Anything from 2 to 4 N serves Reach's light objects alike;
-    tools need more."""
+    """Normal force that the squeeze servo aims at [N]. From 2 to 4 N Reach's light objects fare alike; tools
+    need more."""
     return_speed: float = 1.2e-3
     """Inward displacement of a finger that lost the object up to 3 steps ago [m] per step."""
 
@@ -79,8 +79,8 @@ class SelectionSettings:
     use_slow: bool = True
     """Whether the networks see the slow token."""
     use_residual: bool = False
-    """Whether the decoder corrects the joint targets. Off, because it costs progress: -.05 over the corruption
-    families and -.07 on clean commands (30 tuning objects, log in `eval/README.md`)."""
+    """Whether the decoder corrects the joint targets. Off: it costs progress, .05 over the corruption
+    families, .07 on clean commands (30 tuning objects, log in `eval/README.md`)."""
     output_gain: float = 1.0
     """Scale of the executed displacement."""
     seed: int = 0

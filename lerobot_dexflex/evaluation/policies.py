@@ -36,7 +36,7 @@ class LeRobotPolicies:
 
     def __call__(self, interface: str) -> "LeRobotController":
         """Load the checkpoint that fits the interface."""
-        return LeRobotController(self.checkpoint(interface), interface, self.device, self.controller)
+        return load_checkpoint(self.checkpoint(interface), interface, self.device, self.controller)
 
     def checkpoint(self, interface: str) -> Path:
         """Return the checkpoint folder of an interface."""
@@ -54,11 +54,50 @@ class LeRobotPolicies:
             folder = self.checkpoint(name)
             check_checkpoint(folder, space)
             found[f"checkpoint.{space}"] = checkpoint_digest(folder)
-            if interface_entry(name).learned:
-                found[f"controller.{name}"] = controller_digest(
-                    find_controller(self.controller, FILES[name]), name
-                )
-        return {**found, "device": self.device}
+        return {**found, **_controllers(interfaces, self.controller), "device": self.device}
+
+
+@dataclass(frozen=True)
+class AdaptedPolicies:
+    """One checkpoint of any chunking policy of LeRobot, under `dexflex_adapter`, for all interfaces."""
+
+    backbone: Path
+    """Folder `pretrained_model` of a policy that learned the whole action of a recorded dataset."""
+    device: str = "cpu"
+    controller: str = ""
+    """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
+
+    def __call__(self, interface: str) -> "LeRobotController":
+        """Put the interface under the policy."""
+        return load_adapter(self.backbone, interface, self.device, self.controller)
+
+    def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
+        """Check that the checkpoint is there; returns content hashes and the device.
+
+        Raises:
+            DexFlexError: If the checkpoint or a controller is missing.
+        """
+        if missing := _missing_files(self.backbone):
+            raise DexFlexError(
+                f"No checkpoint at {self.backbone}: {', '.join(missing)} not found. Give "
+                "--backbone=<run>/checkpoints/last/pretrained_model of a policy that lerobot-train trained, "
+                "e.g. with --policy.type=act."
+            )
+        found = {"backbone": checkpoint_digest(self.backbone)}
+        return {**found, **_controllers(interfaces, self.controller), "device": self.device}
+
+
+def _controllers(interfaces: Sequence[str], controller: str) -> dict[str, str]:
+    """Return the content hashes of the controllers that the interfaces need."""
+    learned = [name for name in interfaces if interface_entry(name).learned]
+    return {
+        f"controller.{name}": controller_digest(find_controller(controller, FILES[name]), name)
+        for name in learned
+    }
+
+
+def _missing_files(folder: Path) -> list[str]:
+    return [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]
 
 
 def check_checkpoint(folder: Path, space: CommandSpace) -> None:
@@ -74,8 +113,7 @@ def check_checkpoint(folder: Path, space: CommandSpace) -> None:
         "--dataset.repo_id=lerobot-dexflex/place_hammer --dataset.root=datasets/place_hammer "
         f"--output_dir=outputs/train/{space}"
     )
-    missing = [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]
-    if missing:
+    if missing := _missing_files(folder):
         raise DexFlexError(f"No {space} checkpoint at {folder}: {', '.join(missing)} not found. {remedy}")
     config = json.loads((folder / "config.json").read_text())
     if config.get("action_space") != space:
@@ -85,8 +123,10 @@ def check_checkpoint(folder: Path, space: CommandSpace) -> None:
         )
 
 
-class LeRobotController:
-    """A LeRobot policy under one interface, batched, with its noise drawn per episode.
+def load_checkpoint(
+    checkpoint: Path, interface: str, device: str, controller: str = ""
+) -> "LeRobotController":
+    """Load a policy of our own.
 
     Args:
         checkpoint: Folder `pretrained_model`.
@@ -94,27 +134,57 @@ class LeRobotController:
         device: Torch device.
         controller: Overrides the checkpoint's controller; empty is the shipped one.
     """
+    # LeRobot takes seconds to import; only workers pay.
+    from lerobot.configs import PreTrainedConfig
+    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+    from lerobot.utils.import_utils import register_third_party_plugins
 
-    def __init__(self, checkpoint: Path, interface: str, device: str, controller: str = "") -> None:
-        # LeRobot takes seconds to import; only workers pay.
-        from lerobot.configs import PreTrainedConfig
-        from lerobot.policies.factory import get_policy_class, make_pre_post_processors
-        from lerobot.utils.import_utils import register_third_party_plugins
+    register_third_party_plugins()
+    overrides = [f"--interface={interface}", f"--device={device}"]
+    if interface_entry(interface).learned:
+        overrides.append(f"--controller={find_controller(controller, FILES[interface])}")
+    config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
+    config.pretrained_path = checkpoint
+    with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.
+        policy: Any = get_policy_class(config.type).from_pretrained(str(checkpoint), config=config)
+    processors = make_pre_post_processors(
+        config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
+    )
+    return LeRobotController(policy.eval(), *processors)
 
-        register_third_party_plugins()
-        overrides = [f"--interface={interface}", f"--device={device}"]
-        if interface_entry(interface).learned:
-            overrides.append(f"--controller={find_controller(controller, FILES[interface])}")
-        config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
-        config.pretrained_path = checkpoint
-        with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.
-            self._policy: Any = get_policy_class(config.type).from_pretrained(str(checkpoint), config=config)
-        self._policy.eval()
-        self._preprocess, self._postprocess = make_pre_post_processors(
-            config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
-        )
-        self._observer = ObservedInterface(self._policy.interface)
-        self._policy.interface = self._observer
+
+def load_adapter(backbone: Path, interface: str, device: str, controller: str = "") -> "LeRobotController":
+    """Put an interface under another policy; arguments as for `load_checkpoint`."""
+    from lerobot.configs import PreTrainedConfig
+    from lerobot.policies.factory import make_pre_post_processors
+    from lerobot.utils.import_utils import register_third_party_plugins
+
+    from lerobot_policy_dexflex.configuration_dexflex_adapter import DexflexAdapterConfig
+    from lerobot_policy_dexflex.modeling_dexflex_adapter import DexflexAdapterPolicy
+
+    register_third_party_plugins()
+    config = DexflexAdapterConfig(
+        backbone_path=str(backbone), interface=interface, controller=controller, device=device
+    )
+    config.input_features = PreTrainedConfig.from_pretrained(backbone).input_features
+    with contextlib.redirect_stdout(io.StringIO()):
+        policy = DexflexAdapterPolicy(config)
+    return LeRobotController(policy.eval(), *make_pre_post_processors(config))
+
+
+class LeRobotController:
+    """A LeRobot policy under one interface, batched, with its noise drawn per episode.
+
+    Args:
+        policy: A policy with an interface.
+        preprocess: LeRobot's pipeline before it.
+        postprocess: LeRobot's pipeline after it.
+    """
+
+    def __init__(self, policy: Any, preprocess: Any, postprocess: Any) -> None:
+        self._policy, self._preprocess, self._postprocess = policy, preprocess, postprocess
+        self._observer = ObservedInterface(policy.execution.interface)
+        policy.execution.interface = self._observer
         self._generators: list[torch.Generator] = []
 
     @property
@@ -124,6 +194,7 @@ class LeRobotController:
 
     def reset(self, seeds: Sequence[int]) -> None:
         """Start one episode per seed."""
+        torch.manual_seed(seeds[0])  # For a policy under the adapter that samples: it draws its own noise.
         self._policy.reset()
         self._generators = [torch.Generator().manual_seed(seed) for seed in seeds]
 
@@ -134,13 +205,15 @@ class LeRobotController:
 
         batch = preprocess_observation(observation)
         batch["task"] = [task] * len(self._generators)  # pyright: ignore[reportArgumentType]
-        action = self._policy.select_action(self._preprocess(batch), noise=self._noise())
+        action = self._policy.select_action(self._preprocess(batch), **self._noise())
         return self._postprocess(action).to("cpu").numpy()
 
-    def _noise(self) -> Tensor:
+    def _noise(self) -> dict[str, Tensor]:
         """Draw a chunk of noise per episode in every step, so that step k sees the same in all interfaces."""
+        if self._policy.name != "dexflex_flow":
+            return {}
         shape = (self._policy.config.chunk_size, len(self._policy.normalization.columns))
-        return torch.stack([torch.randn(shape, generator=g) for g in self._generators])
+        return {"noise": torch.stack([torch.randn(shape, generator=g) for g in self._generators])}
 
 
 class ObservedInterface:

@@ -49,10 +49,10 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
             config.backbone_path,
             preprocessor_overrides={"device_processor": {"device": config.device}},
         )
-        self.interface = link_interface(config)
+        interface = link_interface(config)
         n_arm = n_joints - HAND_JOINTS
-        self._columns = action_columns(n_joints, self.interface.command_space, n_arm)
-        self._execution = ChunkExecution(self.interface, n_arm, config.n_action_steps, config.command_gain)
+        self._columns = action_columns(n_joints, interface.command_space, n_arm)
+        self.execution = ChunkExecution(interface, n_arm, config.n_action_steps, config.command_gain)
 
     def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return nothing: the adapter is not trained."""
@@ -67,7 +67,7 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
     def reset(self) -> None:
         """Begin a new episode in every row."""
         self.backbone.reset()
-        self._execution.reset()
+        self.execution.reset()
 
     @torch.no_grad()
     def predict_action_chunk(  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -91,9 +91,9 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
         Args:
             batch: Observation in raw units; the backbone sees it only when a new chunk is planned.
         """
-        if self._execution.due:
-            self._execution.begin(self.predict_action_chunk(batch))
-        return self._execution.step(batch)
+        if self.execution.due:
+            self.execution.begin(self.predict_action_chunk(batch))
+        return self.execution.step(batch)
 
 
 def _backbone_config(config: DexflexAdapterConfig) -> PreTrainedConfig:

@@ -78,10 +78,8 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         )
         self.average = copy.deepcopy(self.network).requires_grad_(False)
         self.register_buffer("updates", torch.zeros((), dtype=torch.int64))
-        self.interface = link_interface(config)
-        self._execution = ChunkExecution(
-            self.interface, self._n_arm, config.n_action_steps, config.command_gain
-        )
+        interface = link_interface(config)
+        self.execution = ChunkExecution(interface, self._n_arm, config.n_action_steps, config.command_gain)
 
     def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the trained weights; the running average is none of them."""
@@ -98,7 +96,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
 
     def reset(self) -> None:
         """Begin a new episode in every row: forget the chunk and the commanded hand."""
-        self._execution.reset()
+        self.execution.reset()
 
     def forward(self, batch: dict[str, Any], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Return the flow-matching loss on `noise_draws` pairs of time and noise per sample.
@@ -185,6 +183,6 @@ class DexflexFlowPolicy(PreTrainedPolicy):
             batch: Observation in raw units; images are read only when a new chunk is planned.
             noise: Start of the flow if this step plans a chunk; see `predict_action_chunk`.
         """
-        if self._execution.due:
-            self._execution.begin(self.predict_action_chunk(batch, noise))
-        return self._execution.step(batch)
+        if self.execution.due:
+            self.execution.begin(self.predict_action_chunk(batch, noise))
+        return self.execution.step(batch)

@@ -74,6 +74,14 @@ def test_a_row_does_not_depend_on_its_neighbours_noise(policies):
     np.testing.assert_allclose(act(controller, [5, 6])[:, 0], act(controller, [5, 9])[:, 0], atol=1e-5)
 
 
+def test_what_an_interface_did_to_the_draft_is_told_under_a_policy(policies):
+    raw, shrunk = policies("raw"), policies("shrink")
+    act(raw, [5], steps=1)
+    assert raw.motion.magnitude() < 1e-6
+    act(shrunk, [5], steps=1)
+    assert shrunk.motion.row(0).magnitude() == pytest.approx(0.5, abs=1e-3)
+
+
 def test_joint_targets_have_no_draft_to_intervene_on(policies):
     controller = policies("joint")
     act(controller, [5], steps=1)

@@ -22,9 +22,9 @@ def policy(build, controller_folder):
 
 def weights(policy):
     """All weights of the interface's controller."""
-    parts = {"controller": policy.interface.controller}
+    parts = {"controller": policy.execution.interface.controller}
     if policy.config.interface == "dexgen":
-        parts["prior"] = policy.interface.prior
+        parts["prior"] = policy.execution.interface.prior
     return {f"{p}.{k}": v.clone() for p, part in parts.items() for k, v in part.state_dict().items()}
 
 
@@ -39,8 +39,8 @@ def test_a_training_step_leaves_the_controller_bit_for_bit_as_it_was(policy, sam
     trained.update()
     assert any(not torch.equal(a, b) for a, b in zip(own, trained.network.parameters(), strict=True))
     assert all(torch.equal(value, before[name]) for name, value in weights(trained).items())
-    assert not any(value.requires_grad for value in trained.interface.controller.parameters())
-    assert not trained.interface.controller.training
+    assert not any(value.requires_grad for value in trained.execution.interface.controller.parameters())
+    assert not trained.execution.interface.controller.training
 
 
 @pytest.mark.parametrize("interface", LEARNED)
@@ -74,7 +74,7 @@ def test_the_policy_acts_through_the_controller_and_its_rows_act_as_alone(policy
 
     together = act(slice(0, 4))
     assert together.shape == (3, 4, 23)
-    assert acting.interface.explanation.intervention.shape == (4,)
+    assert acting.execution.interface.explanation.intervention.shape == (4,)
     alone = torch.cat([act(slice(i, i + 1)) for i in range(4)], 1)
     torch.testing.assert_close(together, alone, rtol=0, atol=1e-4)
 
@@ -86,7 +86,7 @@ def test_a_checkpoint_of_drafts_is_switched_to_the_controller_at_evaluation(
     raw.save_pretrained(tmp_path)
     overrides = ["--interface=dexflex", f"--controller={controller_folder}"]
     config = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=overrides)
-    assert type(raw).from_pretrained(tmp_path, config=config).interface.name == "dexflex"
+    assert type(raw).from_pretrained(tmp_path, config=config).execution.interface.name == "dexflex"
 
 
 def test_a_controller_of_other_content_is_reported_and_the_same_is_not(policy, controller_folder, tmp_path):

@@ -95,7 +95,7 @@ def test_raw_execution_commands_exactly_the_planned_fingertips(trained, observat
         assert targets.shape == (4, 23)
         assert torch.equal(targets[:, :7], chunk[:, k, :7])
         planned = chunk[:, k, 7:].double().view(4, 4, 3)
-        torch.testing.assert_close(policy.interface.command, planned, rtol=0, atol=1e-9)
+        torch.testing.assert_close(policy.execution.interface.command, planned, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("interface", ["joint", "raw"])
@@ -132,7 +132,7 @@ def test_the_interface_is_switched_at_evaluation_within_its_action_space(trained
     policy, _ = trained["raw"]
     policy.save_pretrained(tmp_path)
     switched = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=filter"])
-    assert type(policy).from_pretrained(tmp_path, config=switched).interface.name == "filter"
+    assert type(policy).from_pretrained(tmp_path, config=switched).execution.interface.name == "filter"
     refused = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=joint"])
     with pytest.raises(DexFlexError, match=r"learned 'draft'.*--policy.interface=raw|filter"):
         type(policy).from_pretrained(tmp_path, config=refused)
@@ -191,7 +191,7 @@ def test_the_first_command_of_an_episode_starts_at_the_measured_hand(build, obse
     policy = build(interface="filter").eval()
     targets = policy.select_action(observation, noise(policy))
     measured = fingertips(observation["observation.state"][:, -16:].double())
-    assert (policy.interface.command - measured).abs().max() <= CLIP + 1e-12
+    assert (policy.execution.interface.command - measured).abs().max() <= CLIP + 1e-12
     assert (targets[:, 7:] - observation["observation.state"][:, 7:]).abs().max() < 0.4
 
 
