@@ -3,8 +3,8 @@
 python eval/readme_table.py
 
 `<!-- results:NAME -->` ... `<!-- /results -->` is filled from `eval/results/NAME.json`, which is the
-`comparison.json` of a run of `eval/compare_interfaces.py` or the `degraded_commands.json` of
-`eval/degraded_commands.py`.
+`comparison.json` of a run of `eval/compare_interfaces.py`, the output of `eval/across_tasks.py`, or the
+`degraded_commands.json` of `eval/degraded_commands.py`.
 """
 
 import json
@@ -36,10 +36,20 @@ def filled(text: str, results: Path) -> str:
     def block(match: re.Match[str]) -> str:
         name = match["name"]
         result = json.loads((results / f"{name}.json").read_text())
-        content = (degraded_table if "cells" in result else table)(result, f"eval/results/{name}.json")
+        content = _content(result, f"eval/results/{name}.json")
         return f"<!-- results:{name} -->\n{content}\n<!-- /results -->"
 
     return _BLOCK.sub(block, text)
+
+
+def _content(result: dict[str, Any], source: str) -> str:
+    if "cells" in result:
+        return degraded_table(result, source)
+    if "columns" in result:
+        from lerobot_dexflex.evaluation.report.table import across_markdown
+
+        return f"{across_markdown(result)} [{source}]({source})."
+    return table(result, source)
 
 
 def table(result: dict[str, Any], source: str) -> str:

@@ -18,6 +18,8 @@ class TaskInfo(NamedTuple):
     """Language instruction given to policies."""
     joints: int
     """Number of joint targets in the action: 23 with the arm, 16 for the hand alone."""
+    stages: tuple[str, ...] = ()
+    """What progress 1/n, 2/n, ... 1 stand for, where progress comes in stages."""
 
 
 TASKS = {
@@ -26,18 +28,21 @@ TASKS = {
         320,
         "Screw the leg into the table top until it lights up.",
         23,
+        ("held", "lifted", "over the socket", "in the thread", "lit", "let go"),
     ),
     "PlaceHammer-v0": TaskInfo(
         "lerobot_dexflex.envs.place_hammer:PlaceHammerEnv",
         300,
         "Pick up the hammer and hang it in the holder.",
         23,
+        ("held", "lifted", "upright", "at the holder", "hung", "let go"),
     ),
     "PourCup-v0": TaskInfo(
         "lerobot_dexflex.envs.pour_cup:PourCupEnv",
         320,
         "Pour the balls into the bowl and put the pitcher down.",
         23,
+        ("held", "lifted", "over the bowl", "poured", "set down", "let go"),
     ),
     "Reach-v0": TaskInfo(
         "lerobot_dexflex.envs.reach:ReachEnv",

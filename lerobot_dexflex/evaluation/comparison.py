@@ -12,6 +12,7 @@ import torch
 from tqdm import tqdm
 
 from lerobot_dexflex.envs.disturbance import find_disturbance
+from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Outcome
 from lerobot_dexflex.evaluation.provenance import (
@@ -169,7 +170,7 @@ def compare(
         "identity": identity,
         "n_episodes": comparison.episodes,
         "seeds": [comparison.seed, comparison.seed + comparison.episodes - 1],
-        **summarise(finished, comparison.interfaces),
+        **summarise(finished, comparison.interfaces, _stages(comparison.env_id)),
         "episodes": [_plain(o) for o in finished],
         "provenance": session_provenance(store.sessions()),
     }
@@ -193,6 +194,11 @@ def _run(
             bar.set_postfix_str(", ".join(f"{name} {sum(r)}/{len(r)}" for name, r in rates.items()))
             bar.update(len(outcomes))
             yield outcomes
+
+
+def _stages(env_id: str) -> tuple[str, ...]:
+    task = TASKS.get(env_id.partition("/")[2])
+    return task.stages if task else ()
 
 
 def _plain(outcome: Outcome) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from itertools import combinations
 from typing import Any
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.failures import count_failures
 from lerobot_dexflex.evaluation.outcome import Outcome
 from lerobot_dexflex.evaluation.statistics import holm, mean_interval, paired_test, success_rate
 
@@ -37,14 +38,22 @@ def by_interface(outcomes: Sequence[Outcome], interfaces: Sequence[str]) -> dict
     return sorted_outcomes
 
 
-def summarise(outcomes: Sequence[Outcome], interfaces: Sequence[str]) -> dict[str, Any]:
-    """Return the summary per interface and the paired tests, as plain values."""
+def summarise(
+    outcomes: Sequence[Outcome], interfaces: Sequence[str], stages: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return the summary per interface and the paired tests, as plain values.
+
+    Args:
+        outcomes: Episodes of all interfaces.
+        interfaces: Their names.
+        stages: Of the task; see `count_failures`.
+    """
     found = by_interface(outcomes, interfaces)
     pairs = list(combinations(interfaces, 2))
     tests = [_compare(found[a], found[b]) for a, b in pairs]
     adjusted = holm([test["p_value"] for test in tests])
     return {
-        "per_interface": {name: _describe(found[name]) for name in interfaces},
+        "per_interface": {name: _describe(found[name], stages) for name in interfaces},
         "pairwise": [
             {"first": a, "second": b, **test, "p_value_holm": p}
             for (a, b), test, p in zip(pairs, tests, adjusted, strict=True)
@@ -52,14 +61,15 @@ def summarise(outcomes: Sequence[Outcome], interfaces: Sequence[str]) -> dict[st
     }
 
 
-def _describe(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def _describe(outcomes: Sequence[Outcome], stages: Sequence[str]) -> dict[str, Any]:
     metrics = {}
     for name, metric in _METRICS.items():
         mean = mean_interval([value for o in outcomes if (value := metric(o)) is not None])
         metrics[name] = None if mean is None else mean._asdict()
     endings = [o.ending for o in outcomes]
     counts = {ending: endings.count(ending) for ending in ("success", "dropped", "time out")}
-    return success_rate([o.success for o in outcomes])._asdict() | {"endings": counts} | metrics
+    failures = {"endings": counts, "failures": count_failures(outcomes, stages)}
+    return success_rate([o.success for o in outcomes])._asdict() | failures | metrics
 
 
 def _compare(first: Sequence[Outcome], second: Sequence[Outcome]) -> dict[str, Any]:

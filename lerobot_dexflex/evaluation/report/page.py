@@ -47,10 +47,17 @@ def _page(result: dict[str, Any], outcomes: Sequence[Outcome], folder: Path, vid
         html_table(table.PAIR_HEADER, table.pair_rows(result)) if len(interfaces) > 1 else "",
         "<p>Only first / only second: episodes that just one of the two solved. McNemar's exact test, "
         "adjusted by Holm over all pairs; progress gain with bootstrap 95 % interval.</p>",
+        *_failures(result),
         *_videos(interfaces, folder, min(videos, result["n_episodes"])),
         provenance(result),
     ]
     return document(f"{result['identity']['env']} interfaces", sections)
+
+
+def _failures(result: dict[str, Any]) -> Iterable[str]:
+    if rows := table.failure_rows(result):
+        yield "<h2>What happened in the failures</h2>"
+        yield html_table(table.failure_header(result), rows)
 
 
 def _videos(interfaces: Sequence[str], folder: Path, videos: int) -> Iterable[str]:

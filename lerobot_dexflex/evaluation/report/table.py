@@ -23,6 +23,7 @@ def markdown(result: dict[str, Any]) -> str:
             f"{n} paired episodes per interface, seeds {first} to {last}, {result['identity']['env']}",
             rates(result),
             pairs(result),
+            *([failures(result)] if failure_rows(result) else []),
             "Progress is each episode's largest, drops per episode, holding the share of time with the "
             "object in hand, intervention the mean ||executed - draft|| / ||draft||; means with bootstrap "
             "95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm.",
@@ -77,6 +78,47 @@ def pair_rows(result: dict[str, Any]) -> list[list[str]]:
         ]
         for test in result["pairwise"]
     ]
+
+
+def failure_header(result: dict[str, Any]) -> tuple[str, ...]:
+    """Return the header of the table of failures."""
+    return ("failure", *result["per_interface"])
+
+
+def failure_rows(result: dict[str, Any]) -> list[list[str]]:
+    """Return how many episodes of every interface failed in each way; no rows if none failed."""
+    counts = [numbers["failures"] for numbers in result["per_interface"].values()]
+    kinds = sorted(
+        {kind for count in counts for kind in count}, key=lambda k: -sum(c.get(k, 0) for c in counts)
+    )
+    return [[kind, *(str(count.get(kind, 0)) for count in counts)] for kind in kinds]
+
+
+def failures(result: dict[str, Any]) -> str:
+    """Return the table of failures."""
+    return _table(failure_header(result), failure_rows(result))
+
+
+def across_markdown(found: dict[str, Any]) -> str:
+    """Return success by interface and task, and the paired tests over all episodes.
+
+    Args:
+        found: From `evaluation.across.across`.
+    """
+    rows = [
+        [f"`{name}`", *(_rate(row[c]) for c in found["columns"])] for name, row in found["success"].items()
+    ]
+    tests = [f"{t['first']} against {t['second']} p = {t['p_value_holm']:.2g}" for t in found["pairwise"]]
+    return (
+        _table(("interface", *found["columns"]), rows)
+        + f"\n\nSuccess with Wilson 95 % intervals; {found['n_episodes']} paired episodes per cell. Exact "
+        + f"McNemar tests over all episodes (Holm): {', '.join(tests)}."
+    )
+
+
+def _rate(rate: dict[str, Any]) -> str:
+    low, high = rate["pc_success_ci95"]
+    return f"{rate['pc_success']:.0f} % [{low:.0f}, {high:.0f}]"
 
 
 def _mean(metric: dict[str, Any] | None, digits: int, sign: str = "") -> str:

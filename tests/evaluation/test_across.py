@@ -1,0 +1,58 @@
+import pytest
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.across import across
+from lerobot_dexflex.evaluation.report.table import across_markdown
+
+
+def result(**successes):
+    """Return what a comparison file holds of these episodes."""
+    rows = [
+        {"interface": name, "episode": k, "success": bool(value), "progress_max": value}
+        for name, values in successes.items()
+        for k, value in enumerate(values)
+    ]
+    count = len(next(iter(successes.values())))
+    return {
+        "config_hash": "x",
+        "n_episodes": count,
+        "per_interface": dict.fromkeys(successes),
+        "episodes": rows[::-1],
+    }
+
+
+def test_rates_and_tests_over_tasks_are_those_of_all_episodes_together():
+    found = across(
+        {
+            "pour": result(raw=[0, 0, 0, 1], dexflex=[1, 1, 1, 1]),
+            "hang": result(raw=[1, 0, 0, 1], dexflex=[1, 1, 0, 0]),
+        }
+    )
+    assert found["success"]["raw"]["pour"]["n_success"] == 1
+    assert found["success"]["raw"]["average"]["n_success"] == 3
+    assert found["success"]["dexflex"]["average"]["pc_success"] == 75
+    (test,) = found["pairwise"]
+    assert (test["only_first"], test["only_second"]) == (1, 4)
+    # Two-sided binomial test of 1 in 5: 2 (1 + 5) / 2^5.
+    assert test["p_value"] == test["p_value_holm"] == pytest.approx(12 / 32)
+    assert found["progress"]["raw"]["mean"] == pytest.approx(3 / 8)
+    text = across_markdown(found)
+    assert "| `raw` | 25 % [5, 70] | 50 % [15, 85] | 38 % [14, 69] |" in text
+    assert "4 paired episodes per cell" in text
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (result(raw=[1, 0], dexflex=[1, 0]), "differ in episodes per interface"),
+        (result(raw=[1], filter=[1]), "differ in interfaces"),
+    ],
+)
+def test_comparisons_that_do_not_match_have_no_average(other, message):
+    with pytest.raises(DexFlexError, match=message):
+        across({"pour": result(raw=[1], dexflex=[1]), "hang": other})
+
+
+def test_nothing_has_no_average():
+    with pytest.raises(DexFlexError, match=r"give one or more comparison\.json"):
+        across({})
