@@ -19,10 +19,11 @@ from lerobot_dexflex.envs.leg_and_socket import (
     add_table_top,
     add_thread,
 )
-from lerobot_dexflex.envs.scene import add_camera, add_studio, add_table, add_wrist_camera
+from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera, place_robot, robot_at_table
+from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import rotation_matrix
-from lerobot_dexflex.hand.contacts import contact_names, touched_by_hand
+from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_hand
 
 ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, -3 * np.pi / 2)
 """Arm at the start [rad]: palm down, joint 7 wound back so that it can screw a full turn without regrasp."""
@@ -36,7 +37,6 @@ HAND_OPEN = (
 
 CATCH_RADIUS, CATCH_HEIGHT, CATCH_TILT = 0.0025, 0.003, np.radians(6)
 """How far off the thread catches the stud: beside [m], above [m], and askew [rad]."""
-_SETTLED_STEPS = 10
 
 
 @dataclass(frozen=True)
@@ -84,12 +84,7 @@ class AssembleTableEnv(HandEnv):
         )
 
     def _build(self, episode: LegEpisode) -> mujoco.MjSpec:
-        spec = robot.base_spec()
-        add_studio(spec)
-        add_table(spec)
-        palm = robot.add_hand(
-            spec, robot.add_arm(spec), tip_friction=(episode.tip_friction, *robot.TIP_FRICTION[1:])
-        )
+        spec, palm = robot_at_table(episode.tip_friction)
         add_camera(spec, "front", position=(0.98, -0.42, 0.38), target=(0.47, 0.0, 0.11), fovy=33)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         add_rack(spec, episode.rack, episode.leg_radius)
@@ -99,9 +94,7 @@ class AssembleTableEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: LegEpisode) -> None:
-        joints = np.concatenate([np.add(ARM_START, episode.arm_noise), HAND_OPEN])
-        self.data.qpos[:23] = joints
-        self.data.ctrl[:] = joints
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), HAND_OPEN)
         yaw = rotation_matrix(np.array([0.0, 0.0, episode.leg_rotation[2]]))
         tilt = rotation_matrix(np.array([*episode.leg_rotation[:2], 0.0]))
         pose = self.data.joint("leg").qpos
@@ -142,22 +135,19 @@ class AssembleTableEnv(HandEnv):
         position, rotation = self.leg_pose
         centre = position + rotation[:, 2] * LEG_LENGTH / 2
         by_hand = touched_by_hand(touched)
-        holding = "th_ds" in touched and bool({"if_ds", "mf_ds"} & touched)
+        holding = pinched(touched, ("if", "mf"))
         upright = rotation[2, 2] > np.cos(np.radians(5))
         away = np.linalg.norm(self.data.site_xpos[self._tips] - centre, axis=1).min() > 0.08
         released = self.lit and upright and away and not by_hand
-        self.memory["settled"] = self.memory.get("settled", 0) + 1 if released else 0
-        success = self.memory["settled"] >= _SETTLED_STEPS
+        success = has_settled(self.memory, released)
         lifted = position[2] > RACK_FLOOR + STUD_LENGTH + 0.04
         over = np.linalg.norm((position - self.goal_position)[:2]) < 0.03
         stages = (holding, holding and lifted, holding and over and upright, self.caught, self.lit, success)
-        reached = max([k + 1 for k, stage in enumerate(stages) if stage], default=0)
-        self.memory["stage"] = max(self.memory.get("stage", 0), reached)
         return {
-            "is_success": bool(success),
-            "progress": self.memory["stage"] / len(stages),
+            "is_success": success,
+            "progress": furthest_progress(self.memory, stages),
             "dropped": bool(touched & {"table", "floor"} or rotation[2, 2] < 0.5),
-            "holding": bool(holding),
+            "holding": holding,
         }
 
     def _mocap(self, body: str) -> int:

@@ -11,12 +11,13 @@ from lerobot_dexflex.envs.scene import (
     ContactSurface,
     add_block,
     add_camera,
-    add_studio,
-    add_table,
     add_wrist_camera,
+    place_robot,
+    robot_at_table,
 )
+from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import contact_names, touched_by_hand
+from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_hand
 
 ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
 """Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
@@ -37,7 +38,6 @@ CRADLE_HEIGHT = 0.05
 _HANDLE_SHARE = 0.45
 """Share of the mass in the handle: less, and the hand could not carry the torque of 300 g."""
 _PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.031, 0.010
-_SETTLED_STEPS = 10
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,7 @@ class PlaceHammerEnv(HandEnv):
         )
 
     def _build(self, episode: HammerEpisode) -> mujoco.MjSpec:
-        spec = robot.base_spec()
-        add_studio(spec)
-        add_table(spec)
-        palm = robot.add_hand(
-            spec, robot.add_arm(spec), tip_friction=(episode.tip_friction, *robot.TIP_FRICTION[1:])
-        )
+        spec, palm = robot_at_table(episode.tip_friction)
         add_camera(spec, "front", position=(1.08, -0.50, 0.62), target=(0.56, 0.0, 0.19), fovy=40)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         _add_cradle(spec, episode)
@@ -95,9 +90,7 @@ class PlaceHammerEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: HammerEpisode) -> None:
-        joints = np.concatenate([np.add(ARM_START, episode.arm_noise), HAND_OPEN])
-        self.data.qpos[:23] = joints
-        self.data.ctrl[:] = joints
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), HAND_OPEN)
         yaw = episode.cradle[2] + episode.hammer_yaw
         handle = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         rotation = np.stack([np.array([0.0, 0.0, 1.0]), np.cross(handle, [0.0, 0.0, 1.0]), handle], 1)
@@ -119,17 +112,15 @@ class PlaceHammerEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "hammer")
         position, rotation = self.hammer_pose
-        fingers = [f"{f}_ds" in touching for f in robot.FINGERS]
         by_hand = touched_by_hand(touching)
-        holding = fingers[3] and any(fingers[:3])
+        holding = pinched(touching)
         upright = rotation[2, 2] > np.cos(np.radians(6))
         on_prongs = {"prong0", "prong1"} <= touching
         at_rest = np.linalg.norm(self.data.joint("hammer").qvel[:3]) < 0.02
         tips = self.data.site_xpos[self._tips]
         away = np.linalg.norm(tips - position, axis=1).min() > 0.08
         hung = on_prongs and upright and at_rest and not by_hand
-        self.memory["settled"] = self.memory.get("settled", 0) + 1 if hung and away else 0
-        success = self.memory["settled"] >= _SETTLED_STEPS
+        success = has_settled(self.memory, hung and away)
         lifted = position[2] > CRADLE_HEIGHT + 0.05
         near = np.linalg.norm(position - self.goal_position) < 0.05
         stages = (
@@ -140,13 +131,11 @@ class PlaceHammerEnv(HandEnv):
             hung,
             success,
         )
-        reached = max([k + 1 for k, stage in enumerate(stages) if stage], default=0)
-        self.memory["stage"] = max(self.memory.get("stage", 0), reached)
         return {
-            "is_success": bool(success),
-            "progress": self.memory["stage"] / len(stages),
+            "is_success": success,
+            "progress": furthest_progress(self.memory, stages),
             "dropped": bool(touching & {"table", "floor"}),
-            "holding": bool(holding),
+            "holding": holding,
         }
 
 

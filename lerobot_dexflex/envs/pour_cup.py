@@ -12,12 +12,13 @@ from lerobot_dexflex.envs.scene import (
     ContactSurface,
     add_block,
     add_camera,
-    add_studio,
-    add_table,
     add_wrist_camera,
+    place_robot,
+    robot_at_table,
 )
+from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import contact_names, touched_by_hand
+from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_hand
 
 ARM_START = (0.278, 0.134, 0.160, 0.248, 3.662, 1.481, -1.647)
 """Arm at the start of an episode [rad]: the flange points forward, the hand is behind the handle."""
@@ -49,7 +50,6 @@ _BALL_DAMPING = 5e-7
 _PER_LAYER = 6
 _SETTLE_STEPS = 300
 """Physics steps in which the balls come to rest before the episode."""
-_SETTLED_STEPS = 10
 
 
 @dataclass(frozen=True)
@@ -97,12 +97,7 @@ class PourCupEnv(HandEnv):
         )
 
     def _build(self, episode: PourEpisode) -> mujoco.MjSpec:
-        spec = robot.base_spec()
-        add_studio(spec)
-        add_table(spec)
-        palm = robot.add_hand(
-            spec, robot.add_arm(spec), tip_friction=(episode.tip_friction, *robot.TIP_FRICTION[1:])
-        )
+        spec, palm = robot_at_table(episode.tip_friction)
         add_camera(spec, "front", position=(1.15, -0.15, 0.50), target=(0.47, -0.08, 0.15), fovy=38)
         add_wrist_camera(palm, position=(-0.05, 0.10, 0.02), target=(-0.05, -0.02, -0.17), fovy=75)
         _add_bowl(spec, episode.bowl)
@@ -113,9 +108,7 @@ class PourCupEnv(HandEnv):
 
     def _initialise(self, episode: PourEpisode) -> None:
         data = self.data
-        joints = np.concatenate([np.add(ARM_START, episode.arm_noise), HAND_OPEN])
-        data.qpos[:23] = joints
-        data.ctrl[:] = joints
+        place_robot(data, np.add(ARM_START, episode.arm_noise), HAND_OPEN)
         x, y, yaw = episode.pitcher
         half = (yaw + np.pi) / 2
         data.joint("pitcher").qpos = (x, y, 0.0005, np.cos(half), 0, 0, np.sin(half))
@@ -141,9 +134,8 @@ class PourCupEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "pitcher")
         position, rotation = self.pitcher_pose
-        fingers = [f"{f}_ds" in touching for f in robot.FINGERS]
         by_hand = touched_by_hand(touching)
-        holding = fingers[3] and any(fingers[:3])
+        holding = pinched(touching)
         inside, lost = self._count_balls()
         enough = SHARE * self.episode.balls
         poured = inside >= enough
@@ -153,20 +145,17 @@ class PourCupEnv(HandEnv):
         handle = position + rotation @ np.array(HANDLE_CENTRE)
         away = np.linalg.norm(self.data.site_xpos[self._tips] - handle, axis=1).min() > 0.05
         released = poured and standing and not by_hand
-        self.memory["settled"] = self.memory.get("settled", 0) + 1 if released and away else 0
-        success = self.memory["settled"] >= _SETTLED_STEPS
+        success = has_settled(self.memory, released and away)
         lifted = holding and position[2] > 0.05
         lip = position + rotation @ np.array([-PITCHER_RADIUS, 0.0, PITCHER_HEIGHT])
         over = np.linalg.norm(lip[:2] - self.episode.bowl) < BOWL_RADIUS
         stages = (holding, lifted, lifted and over, poured, poured and standing, success)
-        reached = max([k + 1 for k, stage in enumerate(stages) if stage], default=0)
-        self.memory["stage"] = max(self.memory.get("stage", 0), reached)
         fallen = on_table and rotation[2, 2] < 0.5
         return {
-            "is_success": bool(success),
-            "progress": self.memory["stage"] / len(stages),
+            "is_success": success,
+            "progress": furthest_progress(self.memory, stages),
             "dropped": bool(fallen or "floor" in touching or self.episode.balls - lost < enough),
-            "holding": bool(holding),
+            "holding": holding,
             "balls_in_bowl": inside,
         }
 

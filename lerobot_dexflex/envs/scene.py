@@ -1,9 +1,10 @@
-"""Pieces that every scene shares: light, floor, table and cameras."""
+"""Pieces that scenes share: the robot at its table, light, floor, blocks and cameras."""
 
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lerobot_dexflex.envs.rendering import add_lights, tune_visuals
 from lerobot_dexflex.hand import model as robot
@@ -20,7 +21,26 @@ class ContactSurface(NamedTuple):
     """Sliding [1], torsional [m] and rolling [m]; fingertips overrule it."""
 
 
-def add_studio(spec: mujoco.MjSpec) -> None:
+def robot_at_table(tip_friction: float) -> tuple[mujoco.MjSpec, mujoco.MjsBody]:
+    """Return a lit scene of floor, table and robot, and the robot's palm.
+
+    Args:
+        tip_friction: Sliding friction of the fingertips [1].
+    """
+    spec = robot.base_spec()
+    _add_studio(spec)
+    _add_table(spec)
+    palm = robot.add_hand(spec, robot.add_arm(spec), tip_friction=(tip_friction, *robot.TIP_FRICTION[1:]))
+    return spec, palm
+
+
+def place_robot(data: mujoco.MjData, arm: ArrayLike, hand: ArrayLike) -> None:
+    """Put the robot of `robot_at_table`, and its servos' targets, at arm and hand joints [rad]."""
+    joints = np.concatenate([arm, hand])
+    data.qpos[: len(joints)] = data.ctrl[:] = joints
+
+
+def _add_studio(spec: mujoco.MjSpec) -> None:
     """Add lights, render settings and the floor half a metre below the robot's base."""
     tune_visuals(spec)
     add_lights(spec)
@@ -35,7 +55,7 @@ def add_studio(spec: mujoco.MjSpec) -> None:
     )
 
 
-def add_table(spec: mujoco.MjSpec) -> None:
+def _add_table(spec: mujoco.MjSpec) -> None:
     """Add a table whose top is the plane z = 0."""
     contype, conaffinity = robot.WORLD_COLLISION
     spec.worldbody.add_geom(

@@ -1,5 +1,6 @@
 """Place finger pads on surfaces and balance the forces they exert: the geometry and statics of a grasp."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -91,6 +92,11 @@ def contact_names(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> set[
 def touched_by_hand(names: set[str]) -> bool:
     """Say whether a link of the hand is among the names of `contact_names`."""
     return any(name[:2] in FINGERS or name.startswith("palm") for name in names)
+
+
+def pinched(names: set[str], fingers: Sequence[str] = FINGERS[:3]) -> bool:
+    """Say whether the tips of the thumb and of one of `fingers` are among the names of `contact_names`."""
+    return "th_ds" in names and any(f"{finger}_ds" in names for finger in fingers)
 
 
 def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 12) -> PadSolution:

@@ -7,7 +7,12 @@ from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces import INTERFACES
+from lerobot_policy_dexflex.configuration_shared import check_interface, no_normalization
+
+NOT_TRAINED = (
+    "dexflex_adapter is not trained. Train its backbone with --policy.type=act or another policy of LeRobot, "
+    "then name it with --policy.backbone_path=<folder or hub id>."
+)
 
 
 @PreTrainedConfig.register_subclass("dexflex_adapter")
@@ -32,13 +37,7 @@ class DexflexAdapterConfig(PreTrainedConfig):
     """Control steps executed before planning again."""
     command_gain: float = 1.0
     """Part of the lag between planned and executed fingertips that a draft makes up in one control step."""
-    normalization_mapping: dict[str, NormalizationMode] = field(
-        default_factory=lambda: {
-            "VISUAL": NormalizationMode.IDENTITY,
-            "STATE": NormalizationMode.IDENTITY,
-            "ACTION": NormalizationMode.IDENTITY,
-        }
-    )
+    normalization_mapping: dict[str, NormalizationMode] = field(default_factory=no_normalization)
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work.
@@ -47,10 +46,7 @@ class DexflexAdapterConfig(PreTrainedConfig):
             ParsingError: draccus hides the message of any ValueError from a configuration, but not this one.
         """
         super().__post_init__()
-        if self.interface not in INTERFACES:
-            raise ParsingError(
-                f"Unknown interface {self.interface!r}. Valid --policy.interface: {', '.join(INTERFACES)}."
-            )
+        check_interface(self.interface)
         if self.n_action_steps < 1:
             raise ParsingError(f"`n_action_steps` must be at least 1. Got {self.n_action_steps}.")
 
@@ -71,10 +67,7 @@ class DexflexAdapterConfig(PreTrainedConfig):
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Refuse: only the backbone is trained."""
-        raise DexFlexError(
-            "dexflex_adapter is not trained. Train its backbone with --policy.type=act or another policy of "
-            "LeRobot, then name it with --policy.backbone_path=<folder or hub id>."
-        )
+        raise DexFlexError(NOT_TRAINED)
 
     def get_scheduler_preset(self) -> None:
         """No schedule."""

@@ -9,6 +9,7 @@ from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces import INTERFACES, interface_entry
+from lerobot_policy_dexflex.configuration_shared import check_interface, no_normalization
 
 ACTION_SPACES = ("joint", "draft")
 _INPUTS = ("observation.state", "observation.tactile", "observation.fingertips", "observation.gravity")
@@ -89,13 +90,7 @@ class DexflexFlowConfig(PreTrainedConfig):
     cache_gigabytes: float = 4.0
     """Larger datasets are left to LeRobot's own loader."""
 
-    normalization_mapping: dict[str, NormalizationMode] = field(
-        default_factory=lambda: {
-            "VISUAL": NormalizationMode.IDENTITY,
-            "STATE": NormalizationMode.IDENTITY,
-            "ACTION": NormalizationMode.IDENTITY,
-        }
-    )
+    normalization_mapping: dict[str, NormalizationMode] = field(default_factory=no_normalization)
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work.
@@ -104,10 +99,7 @@ class DexflexFlowConfig(PreTrainedConfig):
             ParsingError: draccus hides the message of any ValueError from a configuration, but not this one.
         """
         super().__post_init__()
-        if self.interface not in INTERFACES:
-            raise ParsingError(
-                f"Unknown interface {self.interface!r}. Valid --policy.interface: {', '.join(INTERFACES)}."
-            )
+        check_interface(self.interface)
         if self.action_space not in ("", *ACTION_SPACES):
             raise ParsingError(
                 f"`action_space` must be one of {', '.join(ACTION_SPACES)}, or empty to let the interface "

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
-from lerobot_policy_dexflex.configuration_dexflex_adapter import DexflexAdapterConfig
+from lerobot_policy_dexflex.configuration_dexflex_adapter import NOT_TRAINED, DexflexAdapterConfig
 from lerobot_policy_dexflex.controller_link import link_interface
 from lerobot_policy_dexflex.normalization import action_columns
 
@@ -59,10 +59,12 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
         return []
 
     def forward(self, batch: dict[str, Any]) -> tuple[Tensor, dict[str, float]]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Refuse to be trained; see `DexflexAdapterConfig.get_optimizer_preset`."""
-        del batch
-        self.config.get_optimizer_preset()
-        raise AssertionError
+        """Refuse: only the backbone is trained.
+
+        Raises:
+            DexFlexError: Always.
+        """
+        raise DexFlexError(NOT_TRAINED)
 
     def reset(self) -> None:
         """Begin a new episode in every row."""

@@ -1,10 +1,8 @@
-"""PourCup: balls that stay where they belong, bit-exact snapshots, no success by accident."""
+"""PourCup: balls that stay where they belong and in snapshots, and a success that means poured."""
 
-import gymnasium
 import numpy as np
 import pytest
 from env_checks import same, wiggle
-from gymnasium.utils.env_checker import check_env
 
 from lerobot_dexflex.envs.pour_cup import BOWL_RADIUS, PITCHER_HEIGHT, PITCHER_RADIUS, PourCupEnv
 
@@ -14,14 +12,6 @@ SEED = 7
 @pytest.fixture(scope="module")
 def env():
     return PourCupEnv(cameras=())
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_gymnasium_accepts_the_environment():
-    env = gymnasium.make("lerobot_dexflex/PourCup-v0")
-    check_env(env.unwrapped)
-    assert env.spec is not None
-    assert env.spec.max_episode_steps == 320
 
 
 def test_an_episode_starts_unsolved_with_the_flange_pointing_forward(env):
@@ -51,40 +41,20 @@ def test_the_balls_rest_in_the_pitcher_at_the_start(env):
         assert np.linalg.norm(position - (*env.episode.pitcher[:2], 0)) < 1e-3
 
 
-def test_the_same_seed_gives_the_same_episode(env):
-    first, _ = env.reset(seed=SEED)
-    first_run = wiggle(env, 4)
-    second, _ = env.reset(seed=SEED)
-    assert same(first, second)
-    assert all(same(a[0], b[0]) for a, b in zip(first_run, wiggle(env, 4), strict=True))
-    other, _ = env.reset(seed=SEED + 1)
-    assert not same(first["agent_pos"], other["agent_pos"])
-
-
 def test_a_restored_snapshot_replays_every_ball_bit_for_bit_also_in_another_environment(env):
     env.reset(seed=SEED)
     kick = env.data.joint("pitcher").qvel
     kick[:] = (0.3, 0, 0, 0, 4.0, 0)  # So that the balls roll.
     wiggle(env, 3)
     snapshot = env.snapshot()
-    expected = [step[0] for step in wiggle(env, 6, seed=1)]
+    expected = wiggle(env, 6, seed=1)
     balls = env.ball_positions
     other = PourCupEnv(cameras=())
-    other.reset(seed=next(s for s in range(9) if s != SEED))
+    other.reset(seed=SEED + 1)
     for again in (env, other):
         again.restore(snapshot)
-        assert all(same(a, b[0]) for a, b in zip(expected, wiggle(again, 6, seed=1), strict=True))
+        assert same(wiggle(again, 6, seed=1), expected)
         assert np.array_equal(again.ball_positions, balls)
-
-
-def test_doing_nothing_and_acting_at_random_never_succeed(env):
-    for seed in range(3):
-        env.reset(seed=seed)
-        start, rng = env.command, np.random.default_rng(seed)
-        for _ in range(60):
-            *_, info = env.step(start if seed else rng.uniform(env.action_space.low, env.action_space.high))
-            assert not info["is_success"]
-            assert info["progress"] < 0.5
 
 
 def arrange(env: PourCupEnv, in_bowl: int, on_table: int = 0, lying: bool = False) -> dict:

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS, balance_forces, contact_torques, solve_pads
+from lerobot_dexflex.hand.contacts import (
+    NOMINAL_JOINTS,
+    balance_forces,
+    contact_torques,
+    pinched,
+    solve_pads,
+)
 from lerobot_dexflex.hand.kinematics import fingertips, pads
 
 NOMINAL = torch.tensor([NOMINAL_JOINTS], dtype=torch.float64)
@@ -52,3 +58,10 @@ def test_pads_on_one_side_cannot_squeeze():
     assert np.linalg.norm(forces, axis=1).max() < 0.1
     _, missing = balance_forces(points, inward, np.zeros(3), np.array([5.0, 0, 0, 0, 0, 0]), 0.5, preload=1.0)
     assert missing > 4.5
+
+
+def test_a_pinch_needs_the_thumb_and_one_of_the_fingers_asked_for():
+    assert pinched({"th_ds", "rf_ds", "table"})
+    assert not pinched({"if_ds", "mf_ds", "rf_ds"})
+    assert not pinched({"th_ds", "if_px", "palm_lower"})
+    assert not pinched({"th_ds", "rf_ds"}, ("if", "mf"))

@@ -101,3 +101,8 @@ def test_what_cannot_be_a_backbone_is_refused(adapter, settings, message):
 def test_it_refuses_to_be_trained(adapter):
     with pytest.raises(DexFlexError, match="Train its backbone"):
         adapter().config.get_optimizer_preset()
+
+
+def test_a_training_step_says_that_the_backbone_is_trained(adapter, observation):
+    with pytest.raises(DexFlexError, match="Train its backbone"):
+        adapter().forward(observation)

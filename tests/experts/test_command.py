@@ -1,0 +1,24 @@
+"""Fingertips and joints turn into each other, and the unsteadiness is as documented."""
+
+import numpy as np
+import pytest
+
+from lerobot_dexflex.experts.command import FingertipExecutor, Unsteadiness, fingertips_of, min_jerk
+from lerobot_dexflex.experts.place_hammer import HAND_TOUCH
+
+
+def test_unsteadiness_has_the_documented_size_and_correlation():
+    noise = Unsteadiness(np.random.default_rng(0), np.full(2000, 0.01))
+    values = np.array([noise.step() for _ in range(60)])[30:]
+    assert values.std() == pytest.approx(0.01, rel=0.05)
+    assert np.corrcoef(values[:-1].ravel(), values[1:].ravel())[0, 1] == pytest.approx(0.9, abs=0.02)
+
+
+def test_min_jerk_starts_and_ends_at_rest_and_is_symmetric():
+    assert [min_jerk(0), min_jerk(0.5), min_jerk(1)] == [0, 0.5, 1]
+    assert min_jerk(0.01) < 1e-4
+
+
+def test_fingertips_and_executor_are_inverse_near_the_posture():
+    joints = np.array(HAND_TOUCH)
+    assert np.allclose(FingertipExecutor(joints).step(fingertips_of(joints)), joints, atol=1e-9)
