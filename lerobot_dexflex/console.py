@@ -1,7 +1,9 @@
 """Console scripts: parse a configuration with draccus, run it, turn errors into an exit status."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from itertools import pairwise
 from typing import Any
 
 import draccus
@@ -17,9 +19,9 @@ def run(config_type: type, work: Callable[[Any, list[str]], int], arguments: lis
         config_type: Configuration dataclass.
         work: Called with the configuration and the words it was parsed from.
         arguments: Command-line arguments; None takes those of this process. `--config` is short for
-            `--config_path`.
+            `--config_path`, and `--flag` of a truth value for `--flag=true`.
     """
-    words = [_spelled_out(word) for word in (sys.argv[1:] if arguments is None else arguments)]
+    words = _spelled_out(sys.argv[1:] if arguments is None else arguments, config_type)
     try:
         return work(draccus.parse(config_type, args=words), words)
     except (DexFlexError, DraccusException, OSError) as error:
@@ -30,9 +32,18 @@ def run(config_type: type, work: Callable[[Any, list[str]], int], arguments: lis
         return 130
 
 
-def _spelled_out(word: str) -> str:
-    name, equals, value = word.partition("=")
-    return f"--config_path{equals}{value}" if name == "--config" else word
+def _spelled_out(words: Sequence[str], config_type: type) -> list[str]:
+    switches = {f"--{field.name}" for field in fields(config_type) if field.type is bool}
+    spelled = []
+    for word, following in pairwise([*words, "--"]):
+        name, equals, value = word.partition("=")
+        if name == "--config":
+            spelled.append(f"--config_path{equals}{value}")
+        elif word in switches and following.startswith("--"):
+            spelled.append(f"{word}=true")
+        else:
+            spelled.append(word)
+    return spelled
 
 
 def _reason(error: BaseException) -> BaseException:

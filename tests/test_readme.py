@@ -50,7 +50,8 @@ def commands():
 
 
 def shortened(command):
-    script = Path(command[1] if command[0] == "python" else command[0]).name
+    # Not `python`, nor `env` and the variables that it sets.
+    script = next(Path(word).name for word in command if word not in ("env", "python") and "=" not in word)
     extra = RESUMED if "--resume=true" in command else SHORTER.get(script, "")
     if script == "lerobot-train" and "--resume=true" not in command:
         extra += " --env.episode_length=5"

@@ -44,6 +44,10 @@ class RecordConfig:
     """Give up after so many attempts; 0 means twice the episodes plus 10."""
     video: VideoConfig = field(default_factory=VideoConfig)
     """Encoding of the cameras."""
+    push: bool = False
+    """Upload the finished dataset to the Hub under `repo_id`; `--push` is short for `--push=true`."""
+    push_dry_run: Path | None = None
+    """Upload nothing, but build what would be uploaded in `<this folder>/<repo_id>`, offline, and list it."""
 
     def __post_init__(self) -> None:
         if self.task not in TASKS:
@@ -70,11 +74,13 @@ class RecordConfig:
         return self.max_attempts or 2 * self.episodes + 10
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the configuration as plain values, ready for YAML."""
-        return asdict(self) | {"root": self.root.as_posix()}
+        """Return the recipe as plain values, ready for YAML: who records it again need not upload it."""
+        values = asdict(self) | {"root": self.root.as_posix()}
+        return {name: value for name, value in values.items() if name not in _AFTERWARDS}
 
 
-_FREE = ("episodes", "root", "repo_id", "workers", "max_attempts")
+_AFTERWARDS = ("push", "push_dry_run")
+_FREE = ("episodes", "root", "repo_id", "workers", "max_attempts", *_AFTERWARDS)
 
 
 def identity(config: dict[str, Any]) -> dict[str, Any]:

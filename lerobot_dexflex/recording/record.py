@@ -42,7 +42,7 @@ def record(config: RecordConfig, arguments: list[str] | None = None) -> bool:
     """
     make_expert(config.task)
     if is_complete(config):
-        print(f"{config.root} is complete: {config.episodes} episodes of this recipe. Nothing to do.")
+        print(f"{config.root} is complete: {config.episodes} episodes of this recipe. Nothing to record.")
         return True
     origin = provenance("dexflex-record", arguments)
     staging = open_staging(config)

@@ -26,7 +26,7 @@ def is_complete(config: RecordConfig) -> bool:
     """
     root, staging = config.root, staging_folder(config.root)
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        record = _read_record(root)
+        record = read_record(root)
         _check_same_recipe(config, record.get("recipe", {}), root)
         if record["complete"]:
             if record["episodes"] == config.episodes:
@@ -81,7 +81,12 @@ def staged_attempts(staging: Path) -> dict[int, Attempt]:
     return {attempt.index: attempt for attempt in attempts}
 
 
-def _read_record(root: Path) -> dict[str, Any]:
+def read_record(root: Path) -> dict[str, Any]:
+    """Return what `RECORD_FILE` of a dataset says.
+
+    Raises:
+        DexFlexError: If there is none.
+    """
     try:
         return json.loads((root / RECORD_FILE).read_text())
     except (OSError, ValueError) as error:

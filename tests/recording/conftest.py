@@ -1,5 +1,6 @@
 """A task of nine steps without physics, so that the recording itself is what is tested."""
 
+import shutil
 from collections.abc import Iterator
 
 import gymnasium
@@ -10,7 +11,7 @@ from gymnasium import spaces
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS, TaskInfo
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.model import JOINTS
-from lerobot_dexflex.recording import attempt, record, staging
+from lerobot_dexflex.recording import RecordConfig, attempt, record, staging
 
 STEPS = 9
 FAILING_SEEDS = (2, 3)
@@ -71,3 +72,17 @@ def counting_task(monkeypatch):
     )
     yield TASK
     del gymnasium.registry[f"{NAMESPACE}/{TASK}"]
+
+
+@pytest.fixture(scope="session")
+def recording_store(tmp_path_factory):
+    """Where `recorded` keeps its recording for the next test."""
+    return tmp_path_factory.mktemp("recorded") / "count"
+
+
+@pytest.fixture
+def recorded(counting_task, recording_store, tmp_path):
+    """A test's own copy of a finished recording of two episodes, called `lerobot-dexflex/count`."""
+    if not recording_store.exists():
+        assert record.record(RecordConfig(counting_task, episodes=2, root=recording_store, workers=0), [])
+    return shutil.copytree(recording_store, tmp_path / "count")

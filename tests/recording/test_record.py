@@ -130,7 +130,7 @@ def test_a_finished_recording_is_left_alone(counting_task, tmp_path, capsys):
     record.record(config(counting_task, root, episodes=1), [])
     before = {path: path.stat().st_mtime_ns for path in root.rglob("*")}
     assert record.record(config(counting_task, root, episodes=1), [])
-    assert "Nothing to do" in capsys.readouterr().out
+    assert "Nothing to record" in capsys.readouterr().out
     with pytest.raises(DexFlexError, match=r"finished recording of 1 episodes.*changed to\s*2"):
         record.record(config(counting_task, root, episodes=2), [])
     with pytest.raises(DexFlexError, match="seed: 0 there, 7 now"):
