@@ -18,6 +18,7 @@ from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
 from lerobot_dexflex.recording.attempt import Attempt, attempt_path, load_attempt
 from lerobot_dexflex.recording.card import write_card
 from lerobot_dexflex.recording.config import RecordConfig
+from lerobot_dexflex.recording.moments import write_exact_moments
 from lerobot_dexflex.recording.schema import FPS, columns, lerobot_features, robot_type
 from lerobot_dexflex.recording.staging import RECORD_FILE
 
@@ -53,6 +54,7 @@ def assemble(
     _write_episodes(config, staging, successes, build, progress)
     for file in build.glob("data/*/*.parquet"):
         compress(file)
+    write_exact_moments(build)
     record = {
         "complete": len(successes) == config.episodes,
         "episodes": len(successes),
