@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import httpx
 import pytest
@@ -167,7 +168,8 @@ def load(tmp_path, monkeypatch):
     def load(name, **options):
         dataset = lerobot_dataset.LeRobotDataset(name, video_backend="pyav", **options)
         assert (dataset.num_episodes, len(dataset)) == (2, 18)
-        assert dataset[17]["observation.images.front"].shape == (3, 96, 96)
+        frame: Any = dataset[17]
+        assert frame["observation.images.front"].shape == (3, 96, 96)
         return dataset.root
 
     return load
