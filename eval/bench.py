@@ -1,4 +1,4 @@
-"""Measure what a control step costs while the hammer is in the hand, and what a learned decision costs.
+"""Measure what a control step costs while the hammer is in the hand, a learned decision, a training step.
 
 python eval/bench.py
 """
@@ -6,6 +6,10 @@ python eval/bench.py
 import argparse
 import json
 import os
+import re
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
@@ -131,6 +135,23 @@ def policy_costs(checkpoint: Path) -> dict[str, float]:
     return {"policy `raw`, per control step": best(lambda: controller.act(stacked, task), 24, 5)}
 
 
+def training_costs(config: Path, steps: int = 40) -> dict[str, float]:
+    """Return what `lerobot-train` says of a step: seconds of computing and of waiting for data.
+
+    Args:
+        config: Configuration of the run; its batch and loader, a few steps.
+        steps: Their number; the second half counts.
+    """
+    command = [Path(sys.executable).parent / "lerobot-train", f"--config_path={config}", f"--steps={steps}"]
+    command += [f"--log_freq={steps // 2}", "--save_checkpoint=false", "--env_eval_freq=0"]
+    with tempfile.TemporaryDirectory() as folder:
+        run = subprocess.run(
+            [*command, f"--output_dir={folder}/run"], capture_output=True, text=True, check=True
+        )
+    update, data = re.findall(r"updt_s:([\d.]+) data_s:([\d.]+)", run.stderr + run.stdout)[-1]
+    return {"training step, computing": float(update), "training step, waiting for data": float(data)}
+
+
 def decisions(controller: str, steps: int) -> dict[str, Any]:
     """Print and return how long learned interfaces take for one hand, and DexFlex by its settings."""
     from lerobot_dexflex.evaluation import latency
@@ -180,6 +201,7 @@ def main() -> None:
     rates = environment_rates(arguments.workers)
     rates["bare mj_step of the same model, one core"] = 1 / (SUBSTEPS * parts["bare mj_step"])
     parts |= policy_costs(Path("policies/checkpoints/place_hammer_draft"))
+    parts |= training_costs(Path("configs/policy/place_hammer_draft.yaml"))
     print(f"{TASK}, hammer in the hand, wrist swaying; renderer {os.environ['MUJOCO_GL']}\n")
     print(f"{'control steps per second':45}{'20 Hz real time':>18}")
     for name, rate in rates.items():
