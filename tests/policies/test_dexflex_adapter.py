@@ -2,10 +2,12 @@
 
 from typing import Any, cast
 
+import numpy as np
 import pytest
 import torch
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.policies import AdaptedPolicies
 from lerobot_dexflex.hand.kinematics import fingertips
 
 
@@ -106,3 +108,29 @@ def test_it_refuses_to_be_trained(adapter):
 def test_a_training_step_says_that_the_backbone_is_trained(adapter, observation):
     with pytest.raises(DexFlexError, match="Train its backbone"):
         adapter().forward(observation)
+
+
+def test_comparisons_load_it_by_its_backbone_alone(backbone):
+    policies = AdaptedPolicies(backbone)
+    assert set(policies.identity(["raw", "dexflex"])) == {"backbone", "controller.dexflex", "device"}
+    controller = policies("shrink")
+    images = np.random.default_rng(0).integers(0, 255, (2, 1, 96, 96, 3), np.uint8)
+    seen = {
+        "pixels": {"front": images[0], "wrist": images[1]},
+        "agent_pos": np.full((1, 23), 0.3, np.float32),
+        "tactile": np.zeros((1, 240), np.float32),
+        "fingertips": np.full((1, 12), 0.05, np.float32),
+        "gravity": np.array([[0, 0, -1]], np.float32),
+    }
+    controller.reset([5])
+    first = controller.act(seen, "task")
+    assert first.shape == (1, 23)
+    assert controller.motion is not None
+    assert controller.motion.row(0).magnitude() == pytest.approx(0.5, abs=1e-3)
+    controller.reset([5])
+    np.testing.assert_array_equal(controller.act(seen, "task"), first)
+
+
+def test_a_comparison_without_the_backbones_checkpoint_is_refused(tmp_path):
+    with pytest.raises(DexFlexError, match=r"config\.json, model\.safetensors not found.*--backbone="):
+        AdaptedPolicies(tmp_path).identity(["raw"])
