@@ -1,10 +1,10 @@
 """Repair a draft by what touch says of the grasp: the analytic member of the candidate set.
 
 Fingers that carry the object move together: their common rigid motion passes, what they do against each
-other is damped, and not passed at all where it would open the grasp. Everything goes slowly. A small servo
-holds the squeeze but never loosens what the draft presses, and a finger that lost the object a moment ago
-returns to it. Where there is no grasp to protect, because none has formed yet or the drafts ask to let go for
-long enough, they pass as they are. Rigid-motion and freeze-a-finger candidates were the favourites of the
+other is damped, and not passed at all where it would open a loose grasp. Everything goes slowly. A small
+servo holds the squeeze but never loosens what the draft presses, and a finger that lost the object a moment
+ago returns to it. Where there is no grasp to protect, because none has formed yet or the drafts ask to let go
+for long enough, they pass as they are. Rigid-motion and freeze-a-finger candidates were the favourites of the
 simulator oracle in our prototype; this is their closed form, with gains found by random search on training
 objects (log in `eval/README.md`).
 """
@@ -57,8 +57,10 @@ def project_draft(
     rigid = _rigid_motion(asked, tips, loaded.double())
     internal = asked - rigid
     normal = (internal * inward).sum(-1, keepdim=True)
+    firm = (loads[:, 0] > settings.opening_load)[:, None, :, None]
+    opening = settings.internal_gain * normal.clamp(max=0) * firm
     closing = settings.closing_gain * normal.clamp(min=0)
-    together = rigid + settings.internal_gain * (internal - normal * inward) + closing * inward
+    together = rigid + settings.internal_gain * (internal - normal * inward) + (opening + closing) * inward
     held = (loaded & (loaded.sum(1, keepdim=True) >= _ENOUGH))[:, None, :, None]
     moved = torch.where(held, settings.gain * together, settings.free_gain * asked)
     moved = moved * (settings.speed / moved.norm(dim=-1, keepdim=True).clamp(min=1e-9)).clamp(max=1.0)

@@ -23,7 +23,11 @@ class ProjectionSettings:
     internal_gain: float = 0.2
     """Share of what loaded fingers do against each other, along their surfaces, that passes."""
     closing_gain: float = 1.0
-    """Share of what they do against each other, into the object, that passes; out of it nothing does."""
+    """Share of what they do against each other, into the object, that passes."""
+    opening_load: float = 1.0
+    """Out of the object `internal_gain` passes, but only of a finger with more than this load [N]. If nothing
+    passed, every inward error of a plan would stay in the grasp, until the fingers no longer are where it
+    takes them to be."""
     speed: float = 1e-3
     """Largest displacement of a fingertip before the squeeze is added [m] per step."""
     squeeze_gain: float = 7e-5

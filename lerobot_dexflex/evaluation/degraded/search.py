@@ -35,6 +35,7 @@ RANGES = {
     "free_gain": (0.1, 1.0),
     "internal_gain": (0.0, 0.8),
     "closing_gain": (0.0, 1.2),
+    "opening_load": (0.0, 4.0),
     "speed": (5e-4, 4e-3),
     "squeeze_gain": (0.0, 2e-4),
     "preload": (0.5, 6.0),
