@@ -1,4 +1,4 @@
-"""Fill the result tables of README.md from the committed results.
+"""Fill the result tables of README.md and of the checkpoints' cards from the committed results.
 
 python eval/readme_table.py
 
@@ -22,12 +22,18 @@ def names(text: str) -> list[str]:
     return [block["name"] for block in _BLOCK.finditer(text)]
 
 
-def filled(text: str, results: Path) -> str:
+def documents() -> list[Path]:
+    """Return the documents that show results."""
+    return [ROOT / "README.md", *sorted((ROOT / "policies/checkpoints").glob("*_*/README.md"))]
+
+
+def filled(text: str, results: Path, up: str = "") -> str:
     """Return a document with its result tables made anew.
 
     Args:
         text: Markdown with result blocks.
         results: Folder of the result files.
+        up: Way from the document to the repository's root, such as `../../`.
 
     Raises:
         FileNotFoundError: If a block names a result that is not in the folder.
@@ -36,10 +42,15 @@ def filled(text: str, results: Path) -> str:
     def block(match: re.Match[str]) -> str:
         name = match["name"]
         result = json.loads((results / f"{name}.json").read_text())
-        content = _content(result, f"eval/results/{name}.json")
+        content = _content(result, f"{up}eval/results/{name}.json")
         return f"<!-- results:{name} -->\n{content}\n<!-- /results -->"
 
     return _BLOCK.sub(block, text)
+
+
+def up(document: Path) -> str:
+    """Return the way from a document to the repository's root."""
+    return "../" * (len(document.relative_to(ROOT).parts) - 1)
 
 
 def _content(result: dict[str, Any], source: str) -> str:
@@ -98,5 +109,5 @@ def _row(name: str, numbers: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    readme = ROOT / "README.md"
-    readme.write_text(filled(readme.read_text(), ROOT / "eval/results"))
+    for document in documents():
+        document.write_text(filled(document.read_text(), ROOT / "eval/results", up(document)))
