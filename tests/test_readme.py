@@ -6,7 +6,6 @@ import re
 import shlex
 import subprocess
 import sys
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -97,14 +96,8 @@ def test_readme_links_and_pictures_exist():
 
 
 @pytest.fixture
-def readme_table():
-    """The script eval/readme_table.py as a module."""
-    spec = spec_from_file_location("readme_table", ROOT / "eval/readme_table.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def readme_table(load_script):
+    return load_script("readme_table")
 
 
 def test_tables_of_readme_and_cards_are_made_from_the_committed_results(readme_table):

@@ -1,3 +1,5 @@
+import json
+
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
@@ -56,3 +58,14 @@ def test_comparisons_that_do_not_match_have_no_average(other, message):
 def test_nothing_has_no_average():
     with pytest.raises(DexFlexError, match=r"give one or more comparison\.json"):
         across({})
+
+
+def test_the_command_writes_the_average_and_refuses_what_is_no_comparison(load_script, tmp_path, capsys):
+    script = load_script("across_tasks")
+    (tmp_path / "pour.json").write_text(json.dumps(result(raw=[1, 0], dexflex=[1, 1])))
+    assert script.main([str(tmp_path / "pour.json"), "--output", str(tmp_path / "all.json")]) == 0
+    assert json.loads((tmp_path / "all.json").read_text())["columns"] == ["pour", "average"]
+    (tmp_path / "other.json").write_text("{}")
+    assert script.main([str(tmp_path / "other.json")]) == 2
+    assert script.main([str(tmp_path / "nothing.json")]) == 2
+    assert "other.json is no comparison" in capsys.readouterr().err

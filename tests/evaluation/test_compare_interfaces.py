@@ -1,21 +1,13 @@
-import importlib.util
 from pathlib import Path
 
 import pytest
 
 from lerobot_dexflex.envs.registration import TASKS
 
-SCRIPT = Path(__file__).parents[2] / "eval/compare_interfaces.py"
-
 
 @pytest.fixture(scope="module")
-def script():
-    spec = importlib.util.spec_from_file_location("compare_interfaces", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def script(load_script):
+    return load_script("compare_interfaces")
 
 
 @pytest.mark.parametrize(

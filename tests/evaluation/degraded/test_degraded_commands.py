@@ -1,22 +1,12 @@
-import importlib.util
-from pathlib import Path
-
 import pytest
 
 from lerobot_dexflex.evaluation.degraded.cells import Cell
 from lerobot_dexflex.evaluation.degraded.methods import ABLATIONS, Method
 
-SCRIPT = Path(__file__).parents[3] / "eval/degraded_commands.py"
-
 
 @pytest.fixture(scope="module")
-def script():
-    spec = importlib.util.spec_from_file_location("degraded_commands", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def script(load_script):
+    return load_script("degraded_commands")
 
 
 def test_default_names_are_methods_and_cells(script):
