@@ -22,9 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     command.add_argument(
         "--root", type=Path, default=Path("datasets/place_hammer"), help="folder of the dataset"
     )
-    command.add_argument(
-        "--interfaces", nargs="+", default=["raw"], help="any of joint, raw, filter; default raw"
-    )
+    command.add_argument("--interfaces", nargs="+", default=["raw"], help="names of interfaces; default raw")
     command.add_argument(
         "--noise",
         type=float,

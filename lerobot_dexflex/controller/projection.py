@@ -4,7 +4,11 @@ Fingers that carry the object move together: their common rigid motion passes, w
 other is damped, and not passed at all where it would open a loose grasp. Everything goes slowly. A small
 servo holds the squeeze but never loosens what the draft presses, and a finger that lost the object a moment
 ago returns to it. Where there is no grasp to protect, because none has formed yet or the drafts ask to let go
-for long enough, they pass as they are. Rigid-motion and freeze-a-finger candidates were the favourites of the
+for long enough, they pass as they are.
+
+A draft whose steps differ is a plan: it knows what the fingers are to do against each other, which then passes
+(`planned_gain`), and says beforehand when it lets go. One that only holds its first step, as a glove's, does not
+look ahead, and is trusted less. Rigid-motion and freeze-a-finger candidates were the favourites of the
 simulator oracle in our prototype; this is their closed form, with gains found by random search on training
 objects (log in `eval/README.md`).
 """
@@ -23,7 +27,9 @@ _PAIR, _ENOUGH = 2, 3
 _RECENT = 3
 """Newest frames (now, 1 and 3 steps ago) in which a load counts as recent."""
 _THUMB, _LET_GO = FINGERS.index("thumb"), 0.002
-"""A hand is to let go where recent drafts take thumb and two fingers outward, on average so fast [m]."""
+"""A hand is to let go where recent drafts, or a plan, take thumb and two fingers outward, on average so fast [m]."""
+_PLAN = 1e-4
+"""The steps of a plan differ by more [m]."""
 _MAX_SQUEEZE, _MAX_RELIEF = 0.0015, 0.001
 """Largest displacement of the squeeze servo, inward and outward [m]."""
 _REGULAR = (1e-9, 1e-6)
@@ -57,10 +63,12 @@ def project_draft(
     rigid = _rigid_motion(asked, tips, loaded.double())
     internal = asked - rigid
     normal = (internal * inward).sum(-1, keepdim=True)
+    planned = (asked - asked[:, :1]).abs().amax((1, 2, 3)) > _PLAN
+    gain = torch.where(planned, settings.planned_gain, settings.internal_gain)[:, None, None, None]
     firm = (loads[:, 0] > settings.opening_load)[:, None, :, None]
-    opening = settings.internal_gain * normal.clamp(max=0) * firm
+    opening = gain * normal.clamp(max=0) * firm
     closing = settings.closing_gain * normal.clamp(min=0)
-    together = rigid + settings.internal_gain * (internal - normal * inward) + (opening + closing) * inward
+    together = rigid + gain * (internal - normal * inward) + (opening + closing) * inward
     held = (loaded & (loaded.sum(1, keepdim=True) >= _ENOUGH))[:, None, :, None]
     moved = torch.where(held, settings.gain * together, settings.free_gain * asked)
     moved = moved * (settings.speed / moved.norm(dim=-1, keepdim=True).clamp(min=1e-9)).clamp(max=1.0)
@@ -74,11 +82,16 @@ def project_draft(
 
     slow = history.slow_loads.masked_fill(missing, 0.0) > CONTACT_FORCE  # (batch, 8, 4)
     formed = (slow.sum(-1) >= _PAIR).any(1) & recent.any(1)
-    outward = -(drafts_history.double().mean(1) * inward[:, 0]).sum(-1) > _LET_GO  # (batch, 4)
-    leaving = outward[:, _THUMB] & (outward.sum(1) >= _ENOUGH)
+    leaving = _lets_go(drafts_history.double(), inward) | (planned & _lets_go(asked, inward))
     blind = missing.flatten(1).all(1)
     protect = (formed & ~leaving) | blind
     return torch.where(protect[:, None, None, None], moved, asked).to(draft.dtype)
+
+
+def _lets_go(displacements: Tensor, inward: Tensor) -> Tensor:
+    """Return whether these take thumb and fingers outward: (batch,) of (batch, steps, 4, 3) and (batch, 1, 4, 3)."""
+    outward = -(displacements.mean(1) * inward[:, 0]).sum(-1) > _LET_GO  # (batch, 4)
+    return outward[:, _THUMB] & (outward.sum(1) >= _ENOUGH)
 
 
 def _rigid_motion(displacements: Tensor, tips: Tensor, weights: Tensor) -> Tensor:

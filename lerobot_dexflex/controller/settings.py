@@ -22,10 +22,13 @@ class ProjectionSettings:
     """Share of the draft that free fingers execute, and all while fewer than three carry load."""
     internal_gain: float = 0.2
     """Share of what loaded fingers do against each other, along their surfaces, that passes."""
+    planned_gain: float = 1.0
+    """The same where the draft is a plan: its steps differ. What a plan asks and does not get it asks again in
+    the next step, so that damping would only make it late."""
     closing_gain: float = 1.0
     """Share of what they do against each other, into the object, that passes."""
     opening_load: float = 1.0
-    """Out of the object `internal_gain` passes, but only of a finger with more than this load [N]. If nothing
+    """Out of the object the same share passes, but only of a finger with more than this load [N]. If nothing
     passed, every inward error of a plan would stay in the grasp, until the fingers no longer are where it
     takes them to be."""
     speed: float = 1e-3

@@ -19,12 +19,14 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Motion, Outcome
 from lerobot_dexflex.evaluation.rollout import run_group
 from lerobot_dexflex.hand.model import JOINTS
-from lerobot_dexflex.interfaces import make_interface
+from lerobot_dexflex.interfaces import DRAFT_HORIZON, make_interface
 from lerobot_dexflex.recording.schema import FPS, columns
 from lerobot_dexflex.recording.staging import RECORD_FILE
 from lerobot_dexflex.recording.workers import run_numbered
 
 _ARM = 7
+_SENSED = {"state": "agent_pos", "tactile": "tactile", "fingertips": "fingertips", "gravity": "gravity"}
+"""What interfaces read, and what environments call it."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,8 @@ class ReplayController:
 
     Args:
         actions: Recorded actions, shape (steps, 35).
-        interface: `joint` executes the joint targets; the others move the commanded fingertips to the
-            recorded ones, one displacement per step.
+        interface: `joint` executes the joint targets; the others read drafts that lead the commanded
+            fingertips to the recorded ones.
         noise: Half width of uniform noise on the commanded fingertips, new at every step and axis [m].
     """
 
@@ -94,21 +96,33 @@ class ReplayController:
         self._interface.reset()
         self._step = 0
         self._rng = np.random.default_rng(seeds[0])
+        self._errors: list[NDArray[np.float64]] = []
 
     def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
         """Return the next joint targets [rad]. Shape (1, 23)."""
         del task
-        action = self._actions[min(self._step, len(self._actions) - 1)]
-        self._step += 1
-        state = {"observation.state": torch.from_numpy(observation["agent_pos"]).double()}
-        joints, tips = action[: len(JOINTS)], action[len(JOINTS) :].view(1, 4, 3)
+        ahead = [min(self._step + k, len(self._actions) - 1) for k in range(DRAFT_HORIZON)]
+        joints, tips = self._actions[ahead].split([len(JOINTS), 12], dim=1)
+        state = {
+            f"observation.{key}": torch.from_numpy(observation[name]).double()
+            for key, name in _SENSED.items()
+            if name in observation
+        }
         if self._interface.command_space == "joint":
-            draft = joints[None, None, _ARM:]
+            draft = joints[None, :, _ARM:]
         else:
-            noise = self._noise * torch.from_numpy(self._rng.uniform(-1, 1, tips.shape))
-            draft = (tips + noise - self._interface.start(state))[:, None]
+            planned = tips.view(-1, 4, 3) + self._noise * self._error_ahead()
+            start = self._interface.start(state)
+            draft = torch.diff(planned[None], dim=1, prepend=start[:, None])
+        self._step += 1
         hand = self._interface.step(state, draft)
-        return torch.cat([joints[None, :_ARM], hand], dim=1).numpy()
+        return torch.cat([joints[:1, :_ARM], hand], dim=1).numpy()
+
+    def _error_ahead(self) -> torch.Tensor:
+        """Return the errors of the next steps, each drawn once: in ±1, shape (horizon, 4, 3)."""
+        while len(self._errors) < self._step + DRAFT_HORIZON:
+            self._errors.append(self._rng.uniform(-1, 1, (4, 3)))
+        return torch.from_numpy(np.stack(self._errors[self._step :]))
 
 
 def replay(

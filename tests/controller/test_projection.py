@@ -109,6 +109,39 @@ def test_it_lets_go_where_the_drafts_insist():
         assert -(moved * INWARD[:, None]).sum(-1).min() < 0.0015
 
 
+def plan(displacement: torch.Tensor) -> torch.Tensor:
+    """Return a draft (1, 8, 4, 3) that begins with half of a displacement (1, 4, 3) and goes on with it."""
+    steps = displacement[:, None].repeat(1, 8, 1, 1)
+    steps[:, 0] /= 2
+    return steps
+
+
+def test_a_plan_to_let_go_is_followed_at_once_and_a_held_draft_must_insist():
+    opening, four = -0.004 * INWARD, history([1.0] * 4)
+    leaving = plan(opening)
+    moved = project_draft(leaving, four, ProjectionSettings())
+    torch.testing.assert_close(moved, leaving, atol=1e-9, rtol=0)
+    moved = project_draft(held(opening), four, ProjectionSettings())
+    assert -(moved * INWARD[:, None]).sum(-1).min() < 0.0015
+    opening[:, 2:] = 0.0  # Two fingers are no release.
+    moved = project_draft(plan(opening), four, ProjectionSettings())
+    assert (moved - plan(opening)).norm(dim=-1).max() > 1e-3
+
+
+def test_what_a_plan_does_within_the_grasp_passes():
+    firm = history([2.0] * 4)
+    turn = torch.tensor([0.0, 0.0, 1e-3], dtype=torch.float64)  # One finger slides on the object.
+    slide = torch.zeros(1, 4, 3, dtype=torch.float64)
+    slide[:, 1] = turn - (turn * INWARD[0, 1]).sum() * INWARD[0, 1]
+    settings = dataclasses.replace(PLAIN, planned_gain=1.0)
+    torch.testing.assert_close(project_draft(plan(slide), firm, settings), plan(slide), atol=1e-6, rtol=0)
+    assert (project_draft(held(slide), firm, settings) - held(slide)).norm(dim=-1).max() > 1e-4
+    opening = -1e-3 * INWARD * torch.tensor([1.0, 0, 0, 0], dtype=torch.float64)[:, None]
+    torch.testing.assert_close(project_draft(plan(opening), firm, settings), plan(opening), atol=1e-6, rtol=0)
+    loose = project_draft(plan(opening), history([0.5, 2.0, 2.0, 2.0]), settings)
+    assert (loose - plan(opening)).norm(dim=-1).max() > 1e-4
+
+
 def test_no_finger_is_faster_than_the_limit():
     moved = project_draft(
         5 * rigid(), history([1.0, 1.0, 1.0, 0.0]), dataclasses.replace(PLAIN, speed=0.0005)

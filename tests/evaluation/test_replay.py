@@ -66,6 +66,40 @@ def test_raw_moves_the_commanded_fingertips_onto_the_recorded_ones(actions):
     np.testing.assert_allclose(reached, actions[2, 23:], atol=5e-4)
 
 
+def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):
+    controller = ReplayController(actions, "raw", noise=0.004)
+    controller.reset([3])
+    drafts = []
+    raw_step = controller._interface.step
+    monkeypatch.setattr(
+        controller._interface, "step", lambda batch, draft: drafts.append(draft) or raw_step(batch, draft)
+    )
+    for _ in range(5):
+        controller.act({"agent_pos": STATE}, "task")
+    assert drafts[0].shape == (1, 8, 4, 3)
+    for first, second in zip(drafts, drafts[1:], strict=False):  # What was planned is what comes.
+        torch.testing.assert_close(first[:, 2:], second[:, 1:-1], atol=1e-12, rtol=0)
+    rng = np.random.default_rng(3)
+    errors = [0.004 * rng.uniform(-1, 1, (4, 3)) for _ in range(5)]
+    command = controller._interface.command
+    assert command is not None
+    np.testing.assert_allclose(command[0].numpy() - actions[2, 23:].reshape(4, 3), errors[4], atol=1e-7)
+
+
+def test_a_controller_replays_with_touch(actions):
+    controller = ReplayController(actions, "dexflex")
+    controller.reset([0])
+    tips = fingertips(torch.as_tensor(STATE[:, 7:], dtype=torch.float64))
+    seen = {
+        "agent_pos": STATE,
+        "tactile": np.zeros((1, 240), np.float32),
+        "fingertips": tips.reshape(1, 12).numpy().astype(np.float32),
+        "gravity": np.array([[0.0, 0.0, -1.0]], np.float32),
+    }
+    assert controller.act(seen, "task").shape == (1, 23)
+    assert np.isfinite(controller.act(seen, "task")).all()
+
+
 def test_episodes_are_read_with_their_seeds_and_the_experts_record(dataset, actions):
     demonstrations = load_demonstrations(dataset)
     assert demonstrations.seeds == (4, 7)

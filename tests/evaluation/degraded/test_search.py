@@ -13,7 +13,8 @@ from lerobot_dexflex.evaluation.store import Store
 
 
 def test_every_setting_is_searched_around_its_default():
-    assert set(RANGES) == {field.name for field in fields(ProjectionSettings)}
+    held_drafts = {"planned_gain"}  # The benchmark's are held: no effect.
+    assert set(RANGES) == {field.name for field in fields(ProjectionSettings)} - held_drafts
     for name, (low, high) in RANGES.items():
         assert low <= getattr(ProjectionSettings(), name) <= high
 
