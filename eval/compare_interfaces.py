@@ -33,6 +33,7 @@ def parser() -> argparse.ArgumentParser:
     add("--episodes", type=int, help=f"episodes per interface; default 100, {DEMO_EPISODES} with --demo")
     add("--seed", type=int, default=100_000, help="episode i uses seed SEED + i; default 100000 (held out)")
     add("--disturbance", default="none", help="none, heavy, slippery, pushed or late_touch; default none")
+    add("--command-noise", type=float, default=0.0, help="half width of noise on planned fingertips [m]")
     add("--joint-policy", type=Path, help="folder pretrained_model; default: the shipped checkpoint")
     add("--draft-policy", type=Path, help="the same for all interfaces that read drafts")
     add("--backbone", type=Path, help="folder pretrained_model of ACT or another policy of LeRobot instead")
@@ -86,7 +87,11 @@ def build(options: argparse.Namespace) -> Any:
         interface_entry(name)
     if options.workers < 0:
         raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")
-    shared = {"device": options.device, "controller": options.controller}
+    shared = {
+        "device": options.device,
+        "controller": options.controller,
+        "command_noise": options.command_noise,
+    }
     if options.backbone is None:
         joint = options.joint_policy or shipped(options.task, "joint")
         draft = options.draft_policy or shipped(options.task, "draft")

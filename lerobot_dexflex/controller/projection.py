@@ -6,11 +6,12 @@ servo holds the squeeze but never loosens what the draft presses, and a finger t
 ago returns to it. Where there is no grasp to protect, because none has formed yet or the drafts ask to let go
 for long enough, they pass as they are.
 
-A draft whose steps differ is a plan: it knows what the fingers are to do against each other, which then passes
-(`planned_gain`), and says beforehand when it lets go. One that only holds its first step, as a glove's, does not
-look ahead, and is trusted less. Rigid-motion and freeze-a-finger candidates were the favourites of the
-simulator oracle in our prototype; this is their closed form, with gains found by random search on training
-objects (log in `eval/README.md`).
+A draft whose steps differ is a plan: it knows what the fingers are to do against each other, which then
+passes (`planned_gain`), and says beforehand when it lets go. One that only holds its first step, as a
+glove's, does not look ahead, and is trusted less.
+
+Rigid-motion and freeze-a-finger candidates were the favourites of the simulator oracle in our prototype;
+this is their closed form, with gains found by random search on training objects (log in `eval/README.md`).
 """
 
 import torch
@@ -27,7 +28,7 @@ _PAIR, _ENOUGH = 2, 3
 _RECENT = 3
 """Newest frames (now, 1 and 3 steps ago) in which a load counts as recent."""
 _THUMB, _LET_GO = FINGERS.index("thumb"), 0.002
-"""A hand is to let go where recent drafts, or a plan, take thumb and two fingers outward, on average so fast [m]."""
+"""It lets go where recent drafts, or a plan, take thumb and two fingers outward, on average so fast [m]."""
 _PLAN = 1e-4
 """The steps of a plan differ by more [m]."""
 _MAX_SQUEEZE, _MAX_RELIEF = 0.0015, 0.001
@@ -89,7 +90,7 @@ def project_draft(
 
 
 def _lets_go(displacements: Tensor, inward: Tensor) -> Tensor:
-    """Return whether these take thumb and fingers outward: (batch,) of (batch, steps, 4, 3) and (batch, 1, 4, 3)."""
+    """Return whether displacements (batch, steps, 4, 3) take thumb and two fingers outward: (batch,)."""
     outward = -(displacements.mean(1) * inward[:, 0]).sum(-1) > _LET_GO  # (batch, 4)
     return outward[:, _THUMB] & (outward.sum(1) >= _ENOUGH)
 

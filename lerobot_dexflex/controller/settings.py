@@ -23,8 +23,8 @@ class ProjectionSettings:
     internal_gain: float = 0.2
     """Share of what loaded fingers do against each other, along their surfaces, that passes."""
     planned_gain: float = 1.0
-    """The same where the draft is a plan: its steps differ. What a plan asks and does not get it asks again in
-    the next step, so that damping would only make it late."""
+    """The same where the draft is a plan: its steps differ. What a plan asks and does not get, it asks again
+    in the next step: damping would only make it late."""
     closing_gain: float = 1.0
     """Share of what they do against each other, into the object, that passes."""
     opening_load: float = 1.0

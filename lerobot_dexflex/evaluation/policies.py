@@ -33,10 +33,13 @@ class LeRobotPolicies:
     device: str = "cpu"
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
+    command_noise: float = 0.0
+    """Half width of uniform noise on planned fingertips [m]."""
 
     def __call__(self, interface: str) -> "LeRobotController":
         """Load the checkpoint that fits the interface."""
-        return load_checkpoint(self.checkpoint(interface), interface, self.device, self.controller)
+        folder = self.checkpoint(interface)
+        return load_checkpoint(folder, interface, self.device, self.controller, self.command_noise)
 
     def checkpoint(self, interface: str) -> Path:
         """Return the checkpoint folder of an interface."""
@@ -54,7 +57,12 @@ class LeRobotPolicies:
             folder = self.checkpoint(name)
             check_checkpoint(folder, space)
             found[f"checkpoint.{space}"] = checkpoint_digest(folder)
-        return {**found, **_controllers(interfaces, self.controller), "device": self.device}
+        return {
+            **found,
+            **_controllers(interfaces, self.controller),
+            **_noise(interfaces, self.command_noise),
+            "device": self.device,
+        }
 
 
 @dataclass(frozen=True)
@@ -66,10 +74,12 @@ class AdaptedPolicies:
     device: str = "cpu"
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
+    command_noise: float = 0.0
+    """Half width of uniform noise on planned fingertips [m]."""
 
     def __call__(self, interface: str) -> "LeRobotController":
         """Put the interface under the policy."""
-        return load_adapter(self.backbone, interface, self.device, self.controller)
+        return load_adapter(self.backbone, interface, self.device, self.controller, self.command_noise)
 
     def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
         """Check that the checkpoint is there; returns content hashes and the device.
@@ -83,8 +93,12 @@ class AdaptedPolicies:
                 "--backbone=<run>/checkpoints/last/pretrained_model of a policy that lerobot-train trained, "
                 "e.g. with --policy.type=act."
             )
-        found = {"backbone": checkpoint_digest(self.backbone)}
-        return {**found, **_controllers(interfaces, self.controller), "device": self.device}
+        return {
+            "backbone": checkpoint_digest(self.backbone),
+            **_controllers(interfaces, self.controller),
+            **_noise(interfaces, self.command_noise),
+            "device": self.device,
+        }
 
 
 def _controllers(interfaces: Sequence[str], controller: str) -> dict[str, str]:
@@ -94,6 +108,24 @@ def _controllers(interfaces: Sequence[str], controller: str) -> dict[str, str]:
         f"controller.{name}": controller_digest(find_controller(controller, FILES[name]), name)
         for name in learned
     }
+
+
+def _noise(interfaces: Sequence[str], width: float) -> dict[str, str]:
+    """Return the noise on planned fingertips [m], if there is any.
+
+    Raises:
+        DexFlexError: If it is negative or no number, or an interface does not command fingertips.
+    """
+    if not width >= 0:
+        raise DexFlexError(f"`command_noise` must be 0 or more [m]. Got {width}.")
+    if width == 0:
+        return {}
+    if joint := [name for name in interfaces if interface_entry(name).command_space == "joint"]:
+        raise DexFlexError(
+            f"`command_noise` is noise on fingertips, and {joint} commands joints. Compare interfaces that "
+            "read drafts, e.g. --interfaces raw filter dexflex."
+        )
+    return {"command_noise": str(width)}
 
 
 def _missing_files(folder: Path) -> list[str]:
@@ -124,7 +156,7 @@ def check_checkpoint(folder: Path, space: CommandSpace) -> None:
 
 
 def load_checkpoint(
-    checkpoint: Path, interface: str, device: str, controller: str = ""
+    checkpoint: Path, interface: str, device: str, controller: str = "", command_noise: float = 0.0
 ) -> "LeRobotController":
     """Load a policy of our own.
 
@@ -133,6 +165,7 @@ def load_checkpoint(
         interface: Overrides the checkpoint's interface.
         device: Torch device.
         controller: Overrides the checkpoint's controller; empty is the shipped one.
+        command_noise: See `LeRobotController`.
     """
     # LeRobot takes seconds to import; only workers pay.
     from lerobot.configs import PreTrainedConfig
@@ -150,10 +183,12 @@ def load_checkpoint(
     processors = make_pre_post_processors(
         config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
     )
-    return LeRobotController(policy.eval(), *processors)
+    return LeRobotController(policy.eval(), *processors, command_noise)
 
 
-def load_adapter(backbone: Path, interface: str, device: str, controller: str = "") -> "LeRobotController":
+def load_adapter(
+    backbone: Path, interface: str, device: str, controller: str = "", command_noise: float = 0.0
+) -> "LeRobotController":
     """Put an interface under another policy; arguments as for `load_checkpoint`."""
     from lerobot.configs import PreTrainedConfig
     from lerobot.policies.factory import make_pre_post_processors
@@ -169,7 +204,7 @@ def load_adapter(backbone: Path, interface: str, device: str, controller: str = 
     config.input_features = PreTrainedConfig.from_pretrained(backbone).input_features
     with contextlib.redirect_stdout(io.StringIO()):
         policy = DexflexAdapterPolicy(config)
-    return LeRobotController(policy.eval(), *make_pre_post_processors(config))
+    return LeRobotController(policy.eval(), *make_pre_post_processors(config), command_noise)
 
 
 class LeRobotController:
@@ -179,13 +214,19 @@ class LeRobotController:
         policy: A policy with an interface.
         preprocess: LeRobot's pipeline before it.
         postprocess: LeRobot's pipeline after it.
+        command_noise: Half width of uniform noise on planned fingertips [m]. It belongs to the control step
+            and not to the plan: a step that is planned twice has the same error in both.
     """
 
-    def __init__(self, policy: Any, preprocess: Any, postprocess: Any) -> None:
+    def __init__(self, policy: Any, preprocess: Any, postprocess: Any, command_noise: float = 0.0) -> None:
         self._policy, self._preprocess, self._postprocess = policy, preprocess, postprocess
         self._observer = ObservedInterface(policy.execution.interface)
         policy.execution.interface = self._observer
         self._generators: list[torch.Generator] = []
+        self._step = 0
+        if command_noise:
+            begin = policy.execution.begin
+            policy.execution.begin = lambda chunk: begin(chunk + command_noise * self._errors(chunk))
 
     @property
     def motion(self) -> Motion | None:
@@ -197,6 +238,9 @@ class LeRobotController:
         torch.manual_seed(seeds[0])  # For a policy under the adapter that samples: it draws its own noise.
         self._policy.reset()
         self._generators = [torch.Generator().manual_seed(seed) for seed in seeds]
+        self._rngs = [np.random.default_rng(seed) for seed in seeds]
+        self._drawn: list[NDArray[np.float64]] = []
+        self._step = 0
 
     @torch.inference_mode()
     def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
@@ -206,7 +250,17 @@ class LeRobotController:
         batch = preprocess_observation(observation)
         batch["task"] = [task] * len(self._generators)  # pyright: ignore[reportArgumentType]
         action = self._policy.select_action(self._preprocess(batch), **self._noise())
+        self._step += 1
         return self._postprocess(action).to("cpu").numpy()
+
+    def _errors(self, chunk: Tensor) -> Tensor:
+        """Return an error in ±1 for every planned fingertip coordinate, 0 for the arm; shape of `chunk`."""
+        while len(self._drawn) < self._step + chunk.shape[1]:
+            self._drawn.append(np.stack([rng.uniform(-1, 1, 12) for rng in self._rngs]))
+        errors = torch.zeros_like(chunk)
+        drawn = np.stack(self._drawn[self._step : self._step + chunk.shape[1]], axis=1)
+        errors[..., -drawn.shape[-1] :] = torch.from_numpy(drawn)
+        return errors
 
     def _noise(self) -> dict[str, Tensor]:
         """Draw a chunk of noise per episode in every step, so that step k sees the same in all interfaces."""

@@ -147,3 +147,40 @@ def test_a_missing_checkpoint_says_how_to_train_it(policies, tmp_path):
         DexFlexError, match=r"No draft checkpoint at .*lerobot-train .*--policy.interface=raw"
     ):
         LeRobotPolicies(policies.joint, tmp_path).identity(["joint", "raw"])
+
+
+def test_noise_on_fingertips_belongs_to_the_control_step_and_spares_the_arm(policies):
+    seen = []
+    for width in (0.0, 0.004):
+        controller = replace(policies, command_noise=width)("raw")
+        chunks = seen_chunks(controller)
+        act(controller, [5])
+        seen.append(chunks)
+    clean, noisy = seen
+    first, second = (torch.stack(noisy) - torch.stack(clean))[:, 0]  # Planned at steps 0 and 8.
+    assert (first[:, :7] == 0).all()
+    assert 0.003 < first[:, 7:].abs().max() <= 0.004 + 1e-6
+    torch.testing.assert_close(first[8:], second[: len(first) - 8], atol=1e-6, rtol=0)
+
+
+def seen_chunks(controller):
+    """Return a list that will hold the chunks as they are executed."""
+    chunks = []
+    execution = controller._policy.execution
+    begin = execution.begin
+
+    def noted(chunk):
+        begin(chunk)
+        chunks.append(execution._chunk.clone())
+
+    execution.begin = noted
+    return chunks
+
+
+def test_noise_needs_interfaces_that_command_fingertips(policies):
+    noisy = replace(policies, command_noise=0.004)
+    assert noisy.identity(["raw", "filter"])["command_noise"] == "0.004"
+    with pytest.raises(DexFlexError, match=r"noise on fingertips, and \['joint'\] commands joints"):
+        noisy.identity(["joint", "raw"])
+    with pytest.raises(DexFlexError, match=r"0 or more \[m\]. Got nan"):
+        replace(policies, command_noise=float("nan")).identity(["raw"])

@@ -1,3 +1,4 @@
+import itertools
 import json
 
 import numpy as np
@@ -77,7 +78,7 @@ def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):
     for _ in range(5):
         controller.act({"agent_pos": STATE}, "task")
     assert drafts[0].shape == (1, 8, 4, 3)
-    for first, second in zip(drafts, drafts[1:], strict=False):  # What was planned is what comes.
+    for first, second in itertools.pairwise(drafts):  # What was planned is what comes.
         torch.testing.assert_close(first[:, 2:], second[:, 1:-1], atol=1e-12, rtol=0)
     rng = np.random.default_rng(3)
     errors = [0.004 * rng.uniform(-1, 1, (4, 3)) for _ in range(5)]
