@@ -70,10 +70,12 @@ def table(result: dict[str, Any], source: str) -> str:
         result: Content of a `comparison.json`.
         source: Path of that file from the repository's root.
     """
+    from lerobot_dexflex.evaluation.report.table import paired_sentence
+
     rows = [_row(name, numbers) for name, numbers in result["per_interface"].items()]
-    tests = [f"{t['first']} against {t['second']} p = {t['p_value_holm']:.2g}" for t in result["pairwise"]]
     first, last = result["seeds"]
-    paired = f" Exact McNemar tests (Holm): {', '.join(tests)}." if tests else ""
+    tests = paired_sentence(result["pairwise"])
+    paired = f" Exact McNemar tests (Holm): {tests}." if tests else ""
     return (
         "\n".join([_HEADER, *rows])
         + f"\n\nn = {result['n_episodes']} paired episodes per interface on held-out initial states "

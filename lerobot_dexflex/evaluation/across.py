@@ -26,11 +26,11 @@ def across(results: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     interfaces = _alike(results, "interfaces", lambda result: tuple(result["per_interface"]))
     count = _alike(results, "episodes per interface", lambda result: result["n_episodes"])
     outcomes = {
-        name: {task: _successes(result, name, "success") for task, result in results.items()}
+        name: {task: _values(result, name, "success") for task, result in results.items()}
         for name in interfaces
     }
     progress = {
-        name: [value for result in results.values() for value in _successes(result, name, "progress_max")]
+        name: [value for result in results.values() for value in _values(result, name, "progress_max")]
         for name in interfaces
     }
     every = {name: [value for task in results for value in outcomes[name][task]] for name in interfaces}
@@ -61,7 +61,7 @@ def _alike(results: Mapping[str, dict[str, Any]], what: str, read: Any) -> Any:
     return next(iter(found.values()))
 
 
-def _successes(result: dict[str, Any], interface: str, key: str) -> list[Any]:
+def _values(result: dict[str, Any], interface: str, key: str) -> list[Any]:
     """Return a value of each episode of an interface, in the order of the episodes."""
     rows = [row for row in result["episodes"] if row["interface"] == interface]
     return [row[key] for row in sorted(rows, key=lambda row: row["episode"])]

@@ -4,7 +4,7 @@ import pytest
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.across import across
-from lerobot_dexflex.evaluation.report.table import across_markdown
+from lerobot_dexflex.evaluation.report.table import across_markdown, paired_sentence
 
 
 def result(**successes):
@@ -41,6 +41,18 @@ def test_rates_and_tests_over_tasks_are_those_of_all_episodes_together():
     text = across_markdown(found)
     assert "| `raw` | 25 % [5, 70] | 50 % [15, 85] | 38 % [14, 69] |" in text
     assert "4 paired episodes per cell" in text
+    assert text.endswith("(Holm): all pairs p ≥ 0.38.")
+
+
+def test_a_sentence_names_the_pairs_that_differ_and_bounds_the_others():
+    def pair(second, p):
+        return {"first": "raw", "second": second, "p_value_holm": p}
+
+    assert paired_sentence([pair("hold", 0.001), pair("clip", 0.3), pair("joint", 0.051)]) == (
+        "raw against hold p = 0.001, all other pairs p ≥ 0.051"
+    )
+    assert paired_sentence([pair("hold", 0.049)]) == "raw against hold p = 0.049"
+    assert paired_sentence([]) == ""
 
 
 @pytest.mark.parametrize(

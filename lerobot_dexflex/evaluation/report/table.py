@@ -1,7 +1,10 @@
 """The Markdown tables of a comparison."""
 
+from collections.abc import Sequence
 from typing import Any
 
+SIGNIFICANT = 0.05
+"""Below this adjusted p-value a pair of interfaces is named in a sentence."""
 RATE_HEADER = (
     "interface",
     "success",
@@ -108,12 +111,26 @@ def across_markdown(found: dict[str, Any]) -> str:
     rows = [
         [f"`{name}`", *(_rate(row[c]) for c in found["columns"])] for name, row in found["success"].items()
     ]
-    tests = [f"{t['first']} against {t['second']} p = {t['p_value_holm']:.2g}" for t in found["pairwise"]]
     return (
         _table(("interface", *found["columns"]), rows)
         + f"\n\nSuccess with Wilson 95 % intervals; {found['n_episodes']} paired episodes per cell. Exact "
-        + f"McNemar tests over all episodes (Holm): {', '.join(tests)}."
+        + f"McNemar tests over all episodes (Holm): {paired_sentence(found['pairwise'])}."
     )
+
+
+def paired_sentence(pairwise: Sequence[dict[str, Any]]) -> str:
+    """Return which pairs differ, and the smallest p-value of those that do not.
+
+    Args:
+        pairwise: Paired tests with `first`, `second` and `p_value_holm`.
+    """
+    named = [t for t in pairwise if t["p_value_holm"] < SIGNIFICANT]
+    parts = [f"{t['first']} against {t['second']} p = {t['p_value_holm']:.2g}" for t in named]
+    rest = [t["p_value_holm"] for t in pairwise if t["p_value_holm"] >= SIGNIFICANT]
+    if rest:
+        which = "all other pairs" if named else "all pairs"
+        parts.append(f"{which} p {'=' if min(rest) == 1 else '≥'} {min(rest):.2g}")
+    return ", ".join(parts)
 
 
 def _rate(rate: dict[str, Any]) -> str:
