@@ -32,7 +32,11 @@ def parser() -> argparse.ArgumentParser:
     add("--interfaces", nargs="+", default=["joint", "raw", "filter"], help="default: joint raw filter")
     add("--episodes", type=int, help=f"episodes per interface; default 100, {DEMO_EPISODES} with --demo")
     add("--seed", type=int, default=100_000, help="episode i uses seed SEED + i; default 100000 (held out)")
-    add("--disturbance", default="none", help="none, heavy, slippery, pushed or late_touch; default none")
+    add(
+        "--disturbance",
+        default="none",
+        help="heavy, slippery, pushed, late_touch, miscalibrated; default none",
+    )
     add("--command-noise", type=float, default=0.0, help="half width of noise on planned fingertips [m]")
     add("--joint-policy", type=Path, help="folder pretrained_model; default: the shipped checkpoint")
     add("--draft-policy", type=Path, help="the same for all interfaces that read drafts")

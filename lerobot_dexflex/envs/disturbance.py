@@ -1,4 +1,4 @@
-"""What may go wrong around a task: a heavier object, slippery fingertips, pushes, late sensors.
+"""What may go wrong around a task: a heavier object, slippery fingertips, pushes, late touch, wrong encoders.
 
 A disturbance changes nothing else about an episode: the same seed gives the same scene with and without it.
 """
@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.model import FINGERS
+from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS
 from lerobot_dexflex.hand.touch import TouchConfig
 
 PUSH_STEPS, PUSH_INTERVAL = 4, 40
@@ -30,6 +30,8 @@ class Disturbance:
     horizontal."""
     latency: int = 0
     """Control steps by which touch is later than it would be."""
+    calibration: float = 0.0
+    """Largest error of a hand joint's encoder [rad], drawn anew for every joint and episode."""
 
     def touch(self, config: TouchConfig) -> TouchConfig:
         """Return the sensor with this latency."""
@@ -49,6 +51,10 @@ class Disturbance:
             mujoco.mj_setConst(model, mujoco.MjData(model))
         tips = [model.geom(f"{finger}_{part}").id for finger in FINGERS for part in ("tip", "nose")]
         model.geom_friction[tips, 0] *= self.friction
+
+    def encoder_errors(self, rng: np.random.Generator) -> np.ndarray:
+        """Return by how much each hand joint's encoder reads too much in this episode [rad]. Shape (16,)."""
+        return rng.uniform(-self.calibration, self.calibration, len(HAND_JOINTS))
 
     def force(self, rng: np.random.Generator, weight: float, memory: dict[str, Any]) -> np.ndarray:
         """Return the force of this control step on the object's centre of mass, world frame [N] (3,).
@@ -74,6 +80,7 @@ DISTURBANCES = {
     "slippery": Disturbance(friction=0.6),
     "pushed": Disturbance(push=1.0),
     "late_touch": Disturbance(latency=3),
+    "miscalibrated": Disturbance(calibration=0.05),
 }
 """By name, as environments take them."""
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 import gymnasium
 import mujoco
 import numpy as np
+import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
@@ -16,6 +17,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor, add_touch
 
 CAMERAS = ("front", "wrist")
@@ -26,6 +28,7 @@ LEROBOT_KEYS = {
     "gravity": "observation.gravity",
 }
 """How LeRobot, and with it every interface, calls what is not an image."""
+_HAND = len(robot.HAND_JOINTS)
 
 
 class Snapshot(NamedTuple):
@@ -144,10 +147,13 @@ class HandEnv(gymnasium.Env):
 
     def _start(self, episode: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         self._load(episode)
+        self.memory: dict[str, Any] = {}
+        if self._disturbance.calibration:
+            self.memory["encoder_errors"] = self._disturbance.encoder_errors(self.np_random)
+        self._set_encoders()
         self._initialise(episode)
         mujoco.mj_forward(self.model, self.data)
         self._command = self.data.ctrl.copy()
-        self.memory: dict[str, Any] = {}
         info = self._update()
         return self.observe(), info
 
@@ -210,12 +216,13 @@ class HandEnv(gymnasium.Env):
         """Return to a snapshot of this or another environment of the same task, bit for bit."""
         if snapshot.episode != getattr(self, "episode", None):
             self._load(snapshot.episode)
+        self.memory = copy.deepcopy(snapshot.memory)
+        self._set_encoders()
         mujoco.mj_setState(self.model, self.data, snapshot.physics, mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_forward(self.model, self.data)
         self._command = snapshot.command.copy()
         self._touch.set_state(snapshot.touch)
         self.np_random.bit_generator.state = copy.deepcopy(snapshot.rng)
-        self.memory = copy.deepcopy(snapshot.memory)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return the front camera's image, shape (render_size, render_size, 3), uint8."""
@@ -250,17 +257,28 @@ class HandEnv(gymnasium.Env):
         self._palm = self.model.body("palm").id
         self._tips = np.array([self.model.site(f"{f}_tip").id for f in robot.FINGERS])
 
+    def _set_encoders(self) -> None:
+        """Turn the links of the hand away from what their encoders say.
+
+        Positions and commands stay what the encoders say: MuJoCo turns a link by `qpos - qpos0`.
+        """
+        self.model.qpos0[self._joint_addresses[-_HAND:]] = self.memory.get("encoder_errors", 0.0)
+
     def observe(self) -> dict[str, Any]:
         """Return the observation of the state now; call once per control step, since touch has a memory."""
         data = self.data
         palm = data.xmat[self._palm].reshape(3, 3)
-        tips = (data.site_xpos[self._tips] - data.xpos[self._palm]) @ palm
+        joints = data.qpos[self._joint_addresses]
+        if self._disturbance.calibration:  # A hand knows its fingertips from its encoders.
+            tips = fingertips(torch.from_numpy(joints[-_HAND:])).numpy()
+        else:
+            tips = (data.site_xpos[self._tips] - data.xpos[self._palm]) @ palm
         gravity = self.model.opt.gravity / np.linalg.norm(self.model.opt.gravity)
         observation: dict[str, Any] = {}
         if self._cameras:
             observation["pixels"] = {name: view.render(data) for name, view in self._views.items()}
         return observation | {
-            "agent_pos": data.qpos[self._joint_addresses].astype(np.float32),
+            "agent_pos": joints.astype(np.float32),
             "tactile": self._touch.read(data, self.np_random).astype(np.float32).reshape(-1),
             "fingertips": tips.astype(np.float32).reshape(-1),
             "gravity": (palm.T @ gravity).astype(np.float32),

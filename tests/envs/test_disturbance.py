@@ -1,6 +1,7 @@
 """Disturbances change what they say, nothing else, and can be repeated."""
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 
@@ -8,6 +9,7 @@ from lerobot_dexflex.envs.disturbance import DISTURBANCES, PUSH_INTERVAL, PUSH_S
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS
 
 
 def make(task: str, disturbance: str) -> HandEnv:
@@ -63,6 +65,35 @@ def test_late_touch_is_late():
             seen.append(env.observe()["tactile"].sum())
         readings.append(seen)
     np.testing.assert_allclose(readings[1][DISTURBANCES["late_touch"].latency :], readings[0][:-3], rtol=0.2)
+
+
+@pytest.mark.parametrize("task", ["Reach-v0", "PlaceHammer-v0"])
+def test_a_miscalibrated_hand_is_not_where_its_encoders_say_and_a_snapshot_repeats_it(task):
+    calm, off = make(task, "none"), make(task, "miscalibrated")
+    assert off.episode == calm.episode
+    errors = off.memory["encoder_errors"]
+    assert (np.ptp(errors) > 0.02, np.abs(errors).max() <= 0.05) == (True, True)
+    seen, true = off.observe(), off.data.site_xpos.copy()
+    # Its encoders and its fingertips are those of the calm hand; the fingertips really are millimetres away.
+    for key in ("agent_pos", "fingertips"):
+        np.testing.assert_allclose(seen[key], calm.observe()[key], atol=1e-6)
+    tips = [calm.model.site(f"{finger}_tip").id for finger in FINGERS]
+    distance = np.linalg.norm(true[tips] - calm.data.site_xpos[tips], axis=1)
+    assert ((distance > 0.0005) & (distance < 0.012)).all()
+    # A hand whose encoders are right reaches the same pose at angles that are smaller by the errors.
+    address = [calm.model.joint(joint).qposadr[0] for joint in HAND_JOINTS]
+    calm.data.qpos[address] -= errors
+    mujoco.mj_forward(calm.model, calm.data)
+    np.testing.assert_allclose(calm.data.site_xpos[tips], true[tips], atol=1e-9)
+
+    snapshot = off.snapshot()
+    other = make(task, "miscalibrated")
+    other.reset(seed=4)
+    assert not np.array_equal(other.memory["encoder_errors"], errors)
+    other.restore(snapshot)
+    for env in (off, other):
+        env.advance(env.command + 0.01)
+    assert np.array_equal(off.data.qpos, other.data.qpos)
 
 
 def test_an_unknown_disturbance_is_refused():
