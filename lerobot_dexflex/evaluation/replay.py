@@ -14,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from lerobot_dexflex.envs.hand_env import LEROBOT_KEYS
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Motion, Outcome
@@ -25,8 +26,6 @@ from lerobot_dexflex.recording.staging import RECORD_FILE
 from lerobot_dexflex.recording.workers import run_numbered
 
 _ARM = 7
-_SENSED = {"state": "agent_pos", "tactile": "tactile", "fingertips": "fingertips", "gravity": "gravity"}
-"""What interfaces read, and what environments call it."""
 
 
 @dataclass(frozen=True)
@@ -104,8 +103,8 @@ class ReplayController:
         ahead = [min(self._step + k, len(self._actions) - 1) for k in range(DRAFT_HORIZON)]
         joints, tips = self._actions[ahead].split([len(JOINTS), 12], dim=1)
         state = {
-            f"observation.{key}": torch.from_numpy(observation[name]).double()
-            for key, name in _SENSED.items()
+            key: torch.from_numpy(observation[name]).double()
+            for name, key in LEROBOT_KEYS.items()
             if name in observation
         }
         if self._interface.command_space == "joint":
