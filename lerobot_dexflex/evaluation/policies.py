@@ -16,6 +16,8 @@ from torch import Tensor
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.evaluation.provenance import checkpoint_digest
+from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
+from lerobot_dexflex.hand.model import HAND_JOINTS
 from lerobot_dexflex.interfaces import Interface, interface_entry
 from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
 from lerobot_dexflex.interfaces.explanation import Explanation
@@ -34,7 +36,7 @@ class LeRobotPolicies:
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
     command_noise: float = 0.0
-    """Half width of uniform noise on planned fingertips [m]."""
+    """Half width of uniform noise on planned fingertips [m]; see `LeRobotController`."""
 
     def __call__(self, interface: str) -> "LeRobotController":
         """Load the checkpoint that fits the interface."""
@@ -60,7 +62,7 @@ class LeRobotPolicies:
         return {
             **found,
             **_controllers(interfaces, self.controller),
-            **_noise(interfaces, self.command_noise),
+            **_noise(self.command_noise),
             "device": self.device,
         }
 
@@ -75,7 +77,7 @@ class AdaptedPolicies:
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
     command_noise: float = 0.0
-    """Half width of uniform noise on planned fingertips [m]."""
+    """Half width of uniform noise on planned fingertips [m]; see `LeRobotController`."""
 
     def __call__(self, interface: str) -> "LeRobotController":
         """Put the interface under the policy."""
@@ -96,7 +98,7 @@ class AdaptedPolicies:
         return {
             "backbone": checkpoint_digest(self.backbone),
             **_controllers(interfaces, self.controller),
-            **_noise(interfaces, self.command_noise),
+            **_noise(self.command_noise),
             "device": self.device,
         }
 
@@ -110,22 +112,15 @@ def _controllers(interfaces: Sequence[str], controller: str) -> dict[str, str]:
     }
 
 
-def _noise(interfaces: Sequence[str], width: float) -> dict[str, str]:
+def _noise(width: float) -> dict[str, str]:
     """Return the noise on planned fingertips [m], if there is any.
 
     Raises:
-        DexFlexError: If it is negative or no number, or an interface does not command fingertips.
+        DexFlexError: If it is negative or no number.
     """
     if not width >= 0:
         raise DexFlexError(f"`command_noise` must be 0 or more [m]. Got {width}.")
-    if width == 0:
-        return {}
-    if joint := [name for name in interfaces if interface_entry(name).command_space == "joint"]:
-        raise DexFlexError(
-            f"`command_noise` is noise on fingertips, and {joint} commands joints. Compare interfaces that "
-            "read drafts, e.g. --interfaces raw filter dexflex."
-        )
-    return {"command_noise": str(width)}
+    return {"command_noise": str(width)} if width else {}
 
 
 def _missing_files(folder: Path) -> list[str]:
@@ -215,7 +210,8 @@ class LeRobotController:
         preprocess: LeRobot's pipeline before it.
         postprocess: LeRobot's pipeline after it.
         command_noise: Half width of uniform noise on planned fingertips [m]. It belongs to the control step
-            and not to the plan: a step that is planned twice has the same error in both.
+            and not to the plan: a step that is planned twice has the same error in both. Planned joints are
+            moved so that their fingertips are off by as much, by the inverse kinematics of `raw`.
     """
 
     def __init__(self, policy: Any, preprocess: Any, postprocess: Any, command_noise: float = 0.0) -> None:
@@ -226,7 +222,7 @@ class LeRobotController:
         self._step = 0
         if command_noise:
             begin = policy.execution.begin
-            policy.execution.begin = lambda chunk: begin(chunk + command_noise * self._errors(chunk))
+            policy.execution.begin = lambda chunk: begin(self._disturbed(chunk, command_noise))
 
     @property
     def motion(self) -> Motion | None:
@@ -253,14 +249,20 @@ class LeRobotController:
         self._step += 1
         return self._postprocess(action).to("cpu").numpy()
 
-    def _errors(self, chunk: Tensor) -> Tensor:
-        """Return an error in ±1 for every planned fingertip coordinate, 0 for the arm; shape of `chunk`."""
+    def _disturbed(self, chunk: Tensor, width: float) -> Tensor:
+        """Return a plan with errors of up to `width` [m] on its fingertips; the arm is as planned."""
         while len(self._drawn) < self._step + chunk.shape[1]:
-            self._drawn.append(np.stack([rng.uniform(-1, 1, 12) for rng in self._rngs]))
-        errors = torch.zeros_like(chunk)
+            self._drawn.append(np.stack([rng.uniform(-1, 1, (4, 3)) for rng in self._rngs]))
         drawn = np.stack(self._drawn[self._step : self._step + chunk.shape[1]], axis=1)
-        errors[..., -drawn.shape[-1] :] = torch.from_numpy(drawn)
-        return errors
+        errors = width * torch.from_numpy(drawn)  # (batch, steps, 4, 3)
+        columns = len(HAND_JOINTS) if self._observer.command_space == "joint" else errors[0, 0].numel()
+        arm, hand = chunk[..., :-columns], chunk[..., -columns:].double()
+        if self._observer.command_space == "joint":
+            joints = hand.flatten(0, 1)
+            moved = solve_fingertips(fingertips(joints) + errors.flatten(0, 1), joints)
+        else:
+            moved = hand + errors.flatten(2)
+        return torch.cat([arm, moved.view_as(hand).to(chunk)], -1)
 
     def _noise(self) -> dict[str, Tensor]:
         """Draw a chunk of noise per episode in every step, so that step k sees the same in all interfaces."""

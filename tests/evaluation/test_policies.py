@@ -10,6 +10,7 @@ from lerobot.policies.factory import make_pre_post_processors
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.policies import LeRobotPolicies, ObservedInterface
+from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
 from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig
@@ -152,19 +153,16 @@ def test_a_missing_checkpoint_says_how_to_train_it(policies, tmp_path):
 def test_noise_on_fingertips_belongs_to_the_control_step_and_spares_the_arm(policies):
     seen = []
     for width in (0.0, 0.004):
-        controller = replace(policies, command_noise=width)("raw")
-        chunks = seen_chunks(controller)
-        act(controller, [5])
-        seen.append(chunks)
+        seen.append(seen_chunks(replace(policies, command_noise=width)("raw"), [5]))
     clean, noisy = seen
-    first, second = (torch.stack(noisy) - torch.stack(clean))[:, 0]  # Planned at steps 0 and 8.
+    first, second = (noisy - clean)[:, 0]  # Planned at steps 0 and 8.
     assert (first[:, :7] == 0).all()
     assert 0.003 < first[:, 7:].abs().max() <= 0.004 + 1e-6
     torch.testing.assert_close(first[8:], second[: len(first) - 8], atol=1e-6, rtol=0)
 
 
-def seen_chunks(controller):
-    """Return a list that will hold the chunks as they are executed."""
+def seen_chunks(controller, seeds):
+    """Return the chunks that are executed in an episode: (plans, batch, steps, columns)."""
     chunks = []
     execution = controller._policy.execution
     begin = execution.begin
@@ -174,13 +172,29 @@ def seen_chunks(controller):
         chunks.append(execution._chunk.clone())
 
     execution.begin = noted
-    return chunks
+    act(controller, seeds)
+    return torch.stack(chunks)
 
 
-def test_noise_needs_interfaces_that_command_fingertips(policies):
-    noisy = replace(policies, command_noise=0.004)
-    assert noisy.identity(["raw", "filter"])["command_noise"] == "0.004"
-    with pytest.raises(DexFlexError, match=r"noise on fingertips, and \['joint'\] commands joints"):
-        noisy.identity(["joint", "raw"])
+def test_noise_moves_the_fingertips_of_planned_joints_as_those_of_drafts(policies):
+    joints = torch.full((1, 16, 23), 0.3)
+    draft = torch.cat([joints[..., :7], fingertips(joints[0, :, 7:]).view(1, 16, 12)], -1)
+    changes = []
+    for interface, plan in (("raw", draft), ("joint", joints)):
+        controller = replace(policies, command_noise=0.004)(interface)
+        controller.reset([5])
+        noisy = controller._disturbed(plan, 0.004)[0]
+        assert torch.equal(noisy[:, :7], plan[0, :, :7])
+        tips = noisy[:, 7:].view(-1, 4, 3) if interface == "raw" else fingertips(noisy[:, 7:])
+        changes.append((tips - fingertips(joints[0, :, 7:])).flatten())
+    asked, moved = changes
+    # The tie to the posture leaves some of it out, as it does under `raw` in every step.
+    assert 0.5 < (moved @ asked) / (asked @ asked) < 1
+    assert torch.corrcoef(torch.stack(changes))[0, 1] > 0.8
+
+
+def test_noise_is_part_of_the_settings_and_must_be_a_width(policies):
+    assert replace(policies, command_noise=0.004).identity(["joint", "raw"])["command_noise"] == "0.004"
+    assert "command_noise" not in policies.identity(["raw"])
     with pytest.raises(DexFlexError, match=r"0 or more \[m\]. Got nan"):
         replace(policies, command_noise=float("nan")).identity(["raw"])
