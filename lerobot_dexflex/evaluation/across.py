@@ -23,7 +23,7 @@ def across(results: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     """
     if not results:
         raise DexFlexError("Nothing to average: give one or more comparison.json files.")
-    interfaces = _alike(results, "interfaces", lambda result: tuple(result["per_interface"]))
+    interfaces = _interfaces(results)
     count = _alike(results, "episodes per interface", lambda result: result["n_episodes"])
     outcomes = {
         name: {task: _values(result, name, "success") for task, result in results.items()}
@@ -52,6 +52,29 @@ def across(results: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
             for (a, b), test, p in zip(pairs, tests, adjusted, strict=True)
         ],
     }
+
+
+def pool(results: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    """Return comparisons of the same interfaces as one for `across`, their episodes one after the other.
+
+    Raises:
+        DexFlexError: If they do not compare the same interfaces.
+    """
+    interfaces = _interfaces(results)
+    rows, count = [], 0
+    for result in results.values():
+        rows += [row | {"episode": count + row["episode"]} for row in result["episodes"]]
+        count += result["n_episodes"]
+    return {
+        "config_hash": "+".join(result["config_hash"] for result in results.values()),
+        "n_episodes": count,
+        "per_interface": dict.fromkeys(interfaces),
+        "episodes": rows,
+    }
+
+
+def _interfaces(results: Mapping[str, dict[str, Any]]) -> tuple[str, ...]:
+    return _alike(results, "interfaces", lambda result: tuple(result["per_interface"]))
 
 
 def _alike(results: Mapping[str, dict[str, Any]], what: str, read: Any) -> Any:

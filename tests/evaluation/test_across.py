@@ -77,6 +77,16 @@ def test_the_command_writes_the_average_and_refuses_what_is_no_comparison(load_s
     (tmp_path / "pour.json").write_text(json.dumps(result(raw=[1, 0], dexflex=[1, 1])))
     assert script.main([str(tmp_path / "pour.json"), "--output", str(tmp_path / "all.json")]) == 0
     assert json.loads((tmp_path / "all.json").read_text())["columns"] == ["pour", "average"]
+    (tmp_path / "hang.json").write_text(json.dumps(result(raw=[0, 1], dexflex=[0, 1])))
+    assert (
+        script.main([f"heavy={tmp_path}/pour.json,{tmp_path}/hang.json", "--output", f"{tmp_path}/2.json"])
+        == 0
+    )
+    pooled = json.loads((tmp_path / "2.json").read_text())
+    assert (pooled["columns"], pooled["n_episodes"]) == (["heavy", "average"], 4)
+    assert pooled["success"]["dexflex"]["heavy"]["n_success"] == 3
+    assert pooled["pairwise"][0]["only_second"] == 1  # Episodes are paired within their file.
+    assert script.main([f"heavy={tmp_path}/pour.json,{tmp_path}/nothing.json"]) == 2
     (tmp_path / "other.json").write_text("{}")
     assert script.main([str(tmp_path / "other.json")]) == 2
     assert script.main([str(tmp_path / "nothing.json")]) == 2
