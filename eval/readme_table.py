@@ -1,4 +1,4 @@
-"""Fill the result tables of README.md and of the checkpoints' cards from the committed results.
+"""Fill the result tables of README.md, eval/README.md and the checkpoints' cards from the committed results.
 
 python eval/readme_table.py
 
@@ -24,7 +24,11 @@ def names(text: str) -> list[str]:
 
 def documents() -> list[Path]:
     """Return the documents that show results."""
-    return [ROOT / "README.md", *sorted((ROOT / "policies/checkpoints").glob("*_*/README.md"))]
+    return [
+        ROOT / "README.md",
+        ROOT / "eval/README.md",
+        *sorted((ROOT / "policies/checkpoints").glob("*_*/README.md")),
+    ]
 
 
 def filled(text: str, results: Path, up: str = "") -> str:
