@@ -77,7 +77,7 @@ def test_distribution_is_named_so_that_lerobot_finds_it():
 
 def test_every_config_and_recipe_is_parsed_by_its_dataclass():
     code = (
-        "import draccus, yaml; from pathlib import Path\n"
+        "import draccus, lerobot.policies, yaml; from pathlib import Path\n"
         "from lerobot.utils.import_utils import register_third_party_plugins as register; register()\n"
         "from lerobot.configs.train import TrainPipelineConfig\n"
         "from lerobot_dexflex.corpus.config import CorpusConfig\n"
