@@ -38,8 +38,8 @@ HELD_AFTER = 66
 SWAY = 0.05
 """Amplitude of the wrist motion while measuring [rad]."""
 WINDOW, WINDOWS = 20, 10
-SUCCESS = Path("eval/results/dexflex_grid.json")
-"""Success by `"<candidates>x<evaluations>"`, shown beside the latency if the file exists."""
+GRID = Path("eval/results/degraded_grid.json")
+"""Result of `eval/degraded_commands.py --grid`; its progress is shown beside the latency."""
 
 
 class HeldHammer(gymnasium.Wrapper):
@@ -164,12 +164,12 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
     print(f"  {'':38}{'p50':>8}{'p95':>8}{'p99':>8}")
     for name, times in found.items():
         print(f"  {name:38}" + "".join(f"{1e3 * value:8.2f}" for value in times))
-    successes = json.loads(SUCCESS.read_text()) if SUCCESS.is_file() else {}
+    progress = grid_progress(GRID)
     heading = f"  {'candidates':>12}{'evaluations':>13}{'p50':>8}{'p95':>8}"
-    print(heading + (f"{'success':>10}" if successes else ""))
+    print(heading + (f"{'progress':>10}" if progress else ""))
     for (candidates, evaluations), times in cells.items():
-        rate = successes.get(f"{candidates}x{evaluations}")
-        known = "" if rate is None else f"{rate:10.2f}"
+        reached = progress.get((candidates, evaluations))
+        known = "" if reached is None else f"{reached:10.2f}"
         print(f"  {candidates:12}{evaluations:13}{1e3 * times.p50:8.2f}{1e3 * times.p95:8.2f}{known}")
     print()
     return {
@@ -177,6 +177,19 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
         "interfaces": {name: times._asdict() for name, times in found.items()},
         "grid": {f"{c}x{e}": times._asdict() for (c, e), times in cells.items()},
     }
+
+
+def grid_progress(result: Path) -> dict[tuple[int, int], float]:
+    """Return the mean progress by numbers of candidates and evaluations; empty without the file."""
+    from lerobot_dexflex.evaluation.degraded.methods import Method, selection_settings
+
+    if not result.is_file():
+        return {}
+    found = {}
+    for name, numbers in json.loads(result.read_text())["families"].items():
+        settings = selection_settings(None, dict(Method.parse(name).options))
+        found[settings.n_candidates, settings.nfe] = numbers["progress"]["mean"]
+    return found
 
 
 def main() -> None:

@@ -19,6 +19,11 @@ CELLS = "clean,noise_1mm,noise_2mm,scale_1.5,delay_2,removal_2mm,removal_3mm"
 ABLATION_METHODS = tuple(
     f"dexflex-{name}" for name in ("noscore", "notouch", "noconsequence", "nopure", "noseeded", "noslow")
 )
+GRID_METHODS = tuple(
+    f"dexflex:n_pure={count // 2}+n_seeded={count - count // 2 - 2}+nfe={evaluations}"
+    for count in (4, 16, 64)
+    for evaluations in (1, 4)
+)
 OUTPUT = Path("outputs/degraded")
 DEMO = {"methods": "raw,shrink:0.5,reflex", "cells": "clean,removal_3mm", "episodes": 8}
 
@@ -35,6 +40,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add("--cells", help=f"conditions, also scale_0.5, bias_1mm, clean_unverified; default {CELLS}")
     add("--ablations", action="store_true", help="also run the six ablations of dexflex")
+    add("--grid", action="store_true", help="also run dexflex by numbers of candidates and evaluations")
     add("--episodes", type=int, help="per method and cell; default 300")
     add("--oracle-episodes", type=int, default=48, help="per cell for oracles, which are slow; default 48")
     add("--controller", type=Path, help="folder of the trained controller; default: the shipped one")
@@ -78,8 +84,9 @@ def _run(options: argparse.Namespace) -> None:
         for key, default in defaults.items()
     }
     kind = "demo" if options.demo else "tuning" if options.tuning else "test"
+    variants = (*ABLATION_METHODS * options.ablations, *GRID_METHODS * options.grid)
     benchmark = Benchmark(
-        methods=(*_names(chosen["methods"]), *(ABLATION_METHODS if options.ablations else ())),
+        methods=(*_names(chosen["methods"]), *variants),
         cells=_names(chosen["cells"]),
         output=options.output or OUTPUT / kind,
         chains=options.chains,

@@ -1,7 +1,10 @@
+import json
+
 import pytest
 
 from lerobot_dexflex.evaluation.degraded.cells import Cell
 from lerobot_dexflex.evaluation.degraded.methods import ABLATIONS, Method
+from lerobot_dexflex.evaluation.latency import CANDIDATES, EVALUATIONS
 
 
 @pytest.fixture(scope="module")
@@ -10,11 +13,23 @@ def script(load_script):
 
 
 def test_default_names_are_methods_and_cells(script):
-    for name in (*script.METHODS.split(","), *script.ABLATION_METHODS, *script.DEMO["methods"].split(",")):
+    variants = (*script.ABLATION_METHODS, *script.GRID_METHODS)
+    for name in (*script.METHODS.split(","), *variants, *script.DEMO["methods"].split(",")):
         Method.parse(name)
     for name in (*script.CELLS.split(","), *script.DEMO["cells"].split(",")):
         assert Cell.parse(name).name == name
     assert tuple(name.split("-")[1] for name in script.ABLATION_METHODS) == ABLATIONS
+
+
+def test_progress_of_the_grid_is_found_by_candidates_and_evaluations(script, load_script, tmp_path):
+    families = {name: {"progress": {"mean": k / 10}} for k, name in enumerate(script.GRID_METHODS)}
+    result = tmp_path / "degraded_grid.json"
+    bench = load_script("bench")
+    assert bench.grid_progress(result) == {}
+    result.write_text(json.dumps({"families": families}))
+    keys = [(count, evaluations) for count in (4, 16, 64) for evaluations in (1, 4)]
+    assert bench.grid_progress(result) == {key: k / 10 for k, key in enumerate(keys)}
+    assert set(keys) <= {(count, evaluations) for count in CANDIDATES for evaluations in EVALUATIONS}
 
 
 @pytest.mark.parametrize(
