@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 _PIECE, _GAIT_PIECE = 12, 30
 """Control steps of a piece, and of one that begins with a regrasp."""
-_BUDGET = 10
+_BUDGET = 16
 """Pieces to try per goal."""
 _EPISODE_STEPS = (80, 200)
 _GIVE_UP = 2
@@ -156,7 +156,8 @@ class Search:
         return not run.lost_steps and self._error() < start + _MAX_SETBACK
 
     def _node(self) -> _Node:
-        others = self._rng.permutation([_Option.SLOW, _Option.GAIT, _Option.MOVE, _Option.TURN])
+        # Two regrasps: each draws another finger and place.
+        others = self._rng.permutation([_Option.SLOW, *2 * [_Option.GAIT], _Option.MOVE, _Option.TURN])
         options = [_Option.GO, *map(_Option, others)]
         if self._rng.random() < _GAIT_FIRST:
             options.insert(0, _Option.GAIT)
