@@ -1,6 +1,9 @@
-"""Render docs/results.png: success of every interface on every task, with clean and with noisy commands.
+"""Draw the committed results, as pictures beside this script.
 
 python docs/render_results.py
+
+results.png: success of every interface on every task, with clean and with noisy commands. degraded.png and
+removals.png: figures of the degraded-command benchmark's report.
 """
 
 import json
@@ -9,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_dexflex.evaluation.degraded import plots
 from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_figure, png
 
 RESULTS = Path(__file__).resolve().parents[1] / "eval/results"
@@ -19,8 +23,20 @@ SPREAD = 0.7
 
 
 def main() -> None:
-    """Draw the committed averages over tasks."""
-    runs = {name: json.loads((RESULTS / f"{name}.json").read_text()) for name in RUNS}
+    """Draw all of them."""
+    degraded = _result("degraded")
+    for name, picture in {
+        "results": success(),
+        "degraded": plots.bars(degraded),
+        "removals": plots.around_removals(degraded),
+    }.items():
+        if picture:
+            Path(__file__).with_name(f"{name}.png").write_bytes(picture)
+
+
+def success() -> bytes:
+    """Draw the averages over tasks."""
+    runs = {name: _result(name) for name in RUNS}
     interfaces = list(runs["tasks"]["success"])
     columns = runs["tasks"]["columns"]
     places = dict(zip(interfaces, np.linspace(-SPREAD / 2, SPREAD / 2, len(interfaces)), strict=True))
@@ -35,7 +51,11 @@ def main() -> None:
     axes.set_xticks(range(len(columns)), [column.replace("_", " ") for column in columns])
     axes.set(ylim=(-3, 103), ylabel="success [%], Wilson 95 %")
     axes.legend(ncols=len(interfaces) + len(RUNS), loc="lower center", bbox_to_anchor=(0.5, 1), **LEGEND)
-    Path(__file__).with_name("results.png").write_bytes(png(figure))
+    return png(figure)
+
+
+def _result(name: str) -> dict[str, Any]:
+    return json.loads((RESULTS / f"{name}.json").read_text())
 
 
 def _draw(axes: Any, rates: list[dict[str, Any]], shift: float, ink: str, marker: str) -> None:

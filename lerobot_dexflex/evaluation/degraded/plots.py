@@ -17,14 +17,12 @@ _SHOWN_GAINS = ("shrink", "dexgen", "dexflex")
 
 
 def main_methods(methods: Sequence[str]) -> list[str]:
-    """Return the methods of a figure: one of each kind, without ablations and output gains."""
+    """Return the methods of a figure: one of each kind, no ablation, and preferably at gain 1."""
+    parsed = [method for name in methods if not (method := Method.parse(name)).ablation]
     shown: dict[str, str] = {}
-    for name in methods:
-        method = Method.parse(name)
-        if method.ablation or method.gain != 1.0:
-            continue
-        shown.setdefault(method.base, name)
-    return list(shown.values())
+    for method in sorted(parsed, key=lambda method: method.gain != 1.0):
+        shown.setdefault(method.base, method.name)
+    return [name for name in methods if name in shown.values()]
 
 
 def bars(result: dict[str, Any]) -> bytes:

@@ -7,6 +7,7 @@ from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.degraded.cells import Cell
 from lerobot_dexflex.evaluation.degraded.methods import ABLATIONS, Method, selection_settings
+from lerobot_dexflex.evaluation.degraded.plots import main_methods
 from lerobot_dexflex.interfaces.gain import GainInterface
 
 
@@ -73,3 +74,8 @@ def test_cells_know_their_family_and_controls_have_none():
     assert [Cell.parse(n).family for n in names] == ["noise", "scale", None, None, None, None]
     assert [Cell.parse(n).name for n in names] == names
     assert not Cell.parse("clean_unverified").verified
+
+
+def test_a_figure_shows_one_method_of_each_kind_and_scaled_ones_only_for_want_of_others():
+    methods = ["dexflex@0.7", "dexflex", "dexflex-notouch", "dexgen@0.4", "raw", "shrink:0.5", "shrink:0.7"]
+    assert main_methods(methods) == ["dexflex", "dexgen@0.4", "raw", "shrink:0.5"]
