@@ -3,8 +3,8 @@
 python eval/readme_table.py
 
 `<!-- results:NAME -->` ... `<!-- /results -->` is filled from `eval/results/NAME.json`, which is the
-`comparison.json` of a run of `eval/compare_interfaces.py`, the output of `eval/across_tasks.py`, or the
-`degraded_commands.json` of `eval/degraded_commands.py`.
+`comparison.json` of a run of `eval/compare_interfaces.py`, the output of `eval/across_tasks.py`, the
+`degraded_commands.json` of `eval/degraded_commands.py`, or that of `eval/selection_regret.py`.
 """
 
 import json
@@ -60,6 +60,10 @@ def up(document: Path) -> str:
 def _content(result: dict[str, Any], source: str) -> str:
     if "cells" in result:
         return degraded_table(result, source)
+    if "judged" in result:
+        from lerobot_dexflex.evaluation.degraded.regret import average_markdown
+
+        return f"{average_markdown(result)}\n\n[{source}]({source})."
     if "columns" in result:
         from lerobot_dexflex.evaluation.report.table import across_markdown
 

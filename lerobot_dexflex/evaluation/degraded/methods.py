@@ -120,7 +120,7 @@ class Method:
 
         reference = options.pop("reference", None)
         settings = selection_settings(self.ablation, options)
-        loaded = _controller(controller)
+        loaded = shared_controller(controller)
         if self.base == ORACLE:
             return OracleInterface(loaded, reference or "draft", settings if options else None)
         return DexFlexInterface(loaded, settings)
@@ -151,7 +151,7 @@ def selection_settings(ablation: str | None, options: dict[str, Any]) -> Any:
 
 
 @functools.cache
-def _controller(folder: Path | None) -> Any:
+def shared_controller(folder: Path | None) -> Any:
     """Load a controller once per process; interfaces keep their state beside it."""
     from lerobot_dexflex.controller import DexFlexController
     from lerobot_dexflex.interfaces.controller_folder import find_controller

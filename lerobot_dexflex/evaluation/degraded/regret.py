@@ -4,10 +4,9 @@ Unlike under the oracle nothing that was tried is executed, so the states are th
 What the score picks can then be held against what would have been best.
 """
 
-import json
 import time
 from collections.abc import Hashable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,11 +20,12 @@ from lerobot_dexflex.controller import DexFlexController, Selection, SelectionSe
 from lerobot_dexflex.controller.chunks import CONTACT, DRAFT, distance_to
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.degraded.cells import Cell
+from lerobot_dexflex.evaluation.degraded.methods import shared_controller
 from lerobot_dexflex.evaluation.degraded.oracle import try_out
 from lerobot_dexflex.evaluation.degraded.runner import Benchmark
 from lerobot_dexflex.evaluation.provenance import environment_identity, session, session_provenance
 from lerobot_dexflex.evaluation.statistics import mean_interval
-from lerobot_dexflex.evaluation.store import Store
+from lerobot_dexflex.evaluation.store import Store, WholeJob
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, controller_digest, find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass
-class Judgements:
+class Judgements(WholeJob):
     """The decisions of a group of episodes."""
 
     cell: str
@@ -64,32 +64,6 @@ class Judgements:
     def job(self) -> Hashable:
         """What was run together."""
         return self.cell, self.number
-
-    @property
-    def group(self) -> tuple[int, int]:
-        """A group of episodes is one result."""
-        return (0, 1)
-
-    @property
-    def episode(self) -> int:
-        """Its index in the group."""
-        return 0
-
-    def line(self) -> str:
-        """Return the judgements as one line of JSON."""
-        return json.dumps(asdict(self)) + "\n"
-
-    @classmethod
-    def parse(cls, line: str) -> "Judgements":
-        """Inverse of `line`.
-
-        Raises:
-            ValueError: If the line is torn or of another form.
-        """
-        try:
-            return cls(**json.loads(line))
-        except TypeError as error:
-            raise ValueError(f"Not judgements: {line[:80]!r}") from error
 
 
 class JudgedInterface(DexFlexInterface):
@@ -187,9 +161,9 @@ class Judging:
         cell, benchmark = Cell.parse(cell_name), self.benchmark
         first = GROUP * group
         chains = benchmark.book(cell.verified).load(first + GROUP)[first:]
-        controller = DexFlexController.from_pretrained(find_controller(benchmark.controller))
         found = Judgements(cell_name, group)
-        run_chains(chains, cell.corruption, JudgedInterface(controller, found), batch=GROUP)
+        interface = JudgedInterface(shared_controller(benchmark.controller), found)
+        run_chains(chains, cell.corruption, interface, batch=GROUP)
         return found
 
 
@@ -277,6 +251,21 @@ def markdown(result: dict[str, Any]) -> str:
             f"loaded finger, AUC {contact}; of the grasp, AUC {grasp}."
         )
     return "\n".join(lines)
+
+
+def average_markdown(result: dict[str, Any]) -> str:
+    """Return every chooser's outcomes, averaged over the cells, as a table."""
+    cells = list(result["judged"].values())
+    rows = []
+    for name in CHOOSERS:
+        numbers = [cell["choosers"][name] for cell in cells]
+        mean = {key: sum(n[key]["mean"] for n in numbers) / len(cells) for key in numbers[0]}
+        rows.append(
+            f"| {name} | {mean['regret']:.0f} | {100 * mean['as_good']:.0f} % | {mean['distance_mm']:.1f} | "
+            f"{mean['lost_fingers']:.2f} | {100 * mean['lost_grasp']:.0f} % |"
+        )
+    head = "| who chooses | regret | as good as the oracle | mm from clean | fingers lost | grasps lost |"
+    return "\n".join([head, "|---|---|---|---|---|---|", *rows])
 
 
 def _pairs(dreamed: Array, happened: Array) -> list[tuple[float, bool]]:

@@ -6,7 +6,6 @@ objects and goals that the operator never tried, so neither tuning nor test obje
 """
 
 import functools
-import json
 from collections.abc import Hashable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,13 +17,14 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from lerobot_dexflex.commands.loop import run_chains
-from lerobot_dexflex.controller import DexFlexController, SelectionSettings
+from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.controller.settings import ProjectionSettings
 from lerobot_dexflex.corpus.distortion import sample_corruption
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.degraded.chain_book import ChainBook
+from lerobot_dexflex.evaluation.degraded.methods import shared_controller
 from lerobot_dexflex.evaluation.provenance import environment_identity
-from lerobot_dexflex.evaluation.store import Store
+from lerobot_dexflex.evaluation.store import Store, WholeJob
 from lerobot_dexflex.experts.reach.chains import Chain
 from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, controller_digest, find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
@@ -51,7 +51,7 @@ _LEAST = 320
 
 
 @dataclass(frozen=True)
-class Trial:
+class Trial(WholeJob):
     """Settings and what a batch of episodes did with them."""
 
     number: int
@@ -67,32 +67,6 @@ class Trial:
     def job(self) -> Hashable:
         """What was run together."""
         return self.number
-
-    @property
-    def group(self) -> tuple[int, int]:
-        """A trial is one result."""
-        return (0, 1)
-
-    @property
-    def episode(self) -> int:
-        """Its index in the group."""
-        return 0
-
-    def line(self) -> str:
-        """Return the trial as one line of JSON."""
-        return json.dumps(asdict(self)) + "\n"
-
-    @classmethod
-    def parse(cls, line: str) -> "Trial":
-        """Inverse of `line`.
-
-        Raises:
-            ValueError: If the line is torn or of another form.
-        """
-        try:
-            return cls(**json.loads(line))
-        except TypeError as error:
-            raise ValueError(f"Not a trial: {line[:80]!r}") from error
 
 
 @dataclass(frozen=True)
@@ -159,7 +133,7 @@ def run_trial(search: Search, number: int) -> Trial:
     only = SelectionSettings(
         n_pure=0, n_seeded=0, include_draft=False, projection=settings, use_residual=False
     )
-    interface = DexFlexInterface(_controller(search.controller), only)
+    interface = DexFlexInterface(shared_controller(search.controller), only)
     episodes = run_chains(chosen, corruptions, interface, seed=number, batch=BATCH)
     return Trial(
         number=number,
@@ -219,8 +193,3 @@ def _unit(settings: dict[str, float]) -> NDArray[np.float64]:
 @functools.cache
 def _chains(search: Search) -> list[Chain]:
     return search.book.load(search.n_chains)
-
-
-@functools.cache
-def _controller(folder: Path | None) -> DexFlexController:
-    return DexFlexController.from_pretrained(find_controller(folder))
