@@ -15,7 +15,7 @@ from lerobot_dexflex.envs.hand_env import LEROBOT_KEYS
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
-from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.experts.command import Command, through_glove
 from lerobot_dexflex.recording.schema import columns, rounded
 
 
@@ -45,7 +45,7 @@ class Attempt:
         }
 
 
-def run_attempt(task: str, seed: int, index: int, cameras: bool = True) -> Attempt:
+def run_attempt(task: str, seed: int, index: int, cameras: bool = True, glove_noise: float = 0.0) -> Attempt:
     """Let the expert attempt the task once.
 
     The frame at step k holds the observation before the step and the expert's label; the environment
@@ -56,6 +56,7 @@ def run_attempt(task: str, seed: int, index: int, cameras: bool = True) -> Attem
         seed: Seed of the recording; the episode starts from environment seed `seed + index`.
         index: Number of the attempt.
         cameras: Render and keep the frames; without, only the outcome is returned.
+        glove_noise: See `RecordConfig`.
 
     Raises:
         DexFlexError: If the task has no expert.
@@ -64,14 +65,17 @@ def run_attempt(task: str, seed: int, index: int, cameras: bool = True) -> Attem
     options: dict[str, Any] = {} if cameras else {"cameras": ()}
     env = gymnasium.make(f"{NAMESPACE}/{task}", disable_env_checker=True, **options)
     try:
-        return _run(env, expert, seed, index, cameras)
+        return _run(env, expert, seed, index, cameras, glove_noise)
     finally:
         env.close()
 
 
-def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool) -> Attempt:
+def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool, glove_noise: float) -> Attempt:
     observation, info = env.reset(seed=seed + index)
     commands: Iterator[Command] = expert(env.unwrapped, np.random.default_rng((seed, index)))
+    if glove_noise:
+        rng = np.random.default_rng((seed, index, 1))
+        commands = through_glove(commands, env.get_wrapper_attr("command")[7:], glove_noise, rng)
     frames: list[dict[str, NDArray]] = []
     steps = 0
     for command in commands:

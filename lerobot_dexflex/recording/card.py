@@ -12,6 +12,10 @@ from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
 from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP, columns
 from lerobot_dexflex.recording.staging import RECORD_FILE
 
+_GLOVE = """\
+Labels and execution also hold the jitter of a glove: ±{:.1f} mm on every commanded fingertip coordinate,
+new in every step, and the hand joints that reach it.
+"""
 _TEMPLATE = """\
 ---
 {front_matter}
@@ -34,7 +38,7 @@ Failed attempts are left out; seeds and outcomes of all attempts are in [{record
 
 The frame at step k holds the observation *before* the step and the expert's label `action`. What was executed
 is the label plus smooth joint noise (a natural unsteadiness), so the demonstrations show how to come back.
-Every element is named in [meta/info.json](meta/info.json). No object pose, goal or mass is recorded.
+{glove}Every element is named in [meta/info.json](meta/info.json). No object pose, goal or mass is recorded.
 Numbers are rounded to {angle:.1e} rad, {length:.1e} m and {force:.1e} N, far below what the sensors resolve.
 
 ## Load it
@@ -105,6 +109,7 @@ def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
         minutes=info["total_frames"] / info["fps"] / 60,
         version=info["codebase_version"],
         warning="" if record["complete"] else "\n\n**Unfinished:** run the command below again to continue.",
+        glove=_GLOVE.format(1e3 * recipe["glove_noise"]) if recipe.get("glove_noise") else "",
         **expert,
         rate=100 * successes / attempts,
         low=low,

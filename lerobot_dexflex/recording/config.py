@@ -7,6 +7,9 @@ from typing import Any
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 
+LARGEST_NOISE = 0.02
+"""Of `glove_noise` [m]: a fingertip's size."""
+
 
 @dataclass
 class VideoConfig:
@@ -42,6 +45,9 @@ class RecordConfig:
     """Worker processes; 0 records in this process. The data do not depend on it."""
     max_attempts: int = 0
     """Give up after so many attempts; 0 means twice the episodes plus 10."""
+    glove_noise: float = 0.0
+    """Half width of uniform noise on every commanded fingertip coordinate, new in every step [m]: jitter of a
+    glove or a hand tracker. It is executed and recorded: nobody knows an operator's steady command."""
     video: VideoConfig = field(default_factory=VideoConfig)
     """Encoding of the cameras."""
     push: bool = False
@@ -57,6 +63,10 @@ class RecordConfig:
         for name in ("seed", "workers", "max_attempts"):
             if getattr(self, name) < 0:
                 raise DexFlexError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        if not 0 <= self.glove_noise <= LARGEST_NOISE:
+            raise DexFlexError(
+                f"`glove_noise` must be in [0, {LARGEST_NOISE}] m. Got {self.glove_noise}; millimetres?"
+            )
         if 0 < self.max_attempts < self.episodes:
             raise DexFlexError(
                 f"`max_attempts` ({self.max_attempts}) must not be below `episodes` ({self.episodes}); "
@@ -85,4 +95,5 @@ _FREE = ("episodes", "root", "repo_id", "workers", "max_attempts", *_AFTERWARDS)
 
 def identity(config: dict[str, Any]) -> dict[str, Any]:
     """Return the entries of `RecordConfig.to_dict()` on which each recorded episode depends."""
-    return {f.name: config.get(f.name) for f in fields(RecordConfig) if f.name not in _FREE}
+    values = RecordConfig().to_dict() | config
+    return {f.name: values[f.name] for f in fields(RecordConfig) if f.name not in _FREE}

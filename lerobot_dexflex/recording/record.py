@@ -66,7 +66,7 @@ def record(config: RecordConfig, arguments: list[str] | None = None) -> bool:
 
 def _collect(config: RecordConfig, staging: Path, known: dict[int, Attempt]) -> tuple[list[Attempt], bool]:
     """Run the attempts that are missing; return all in order, and whether the user stopped it."""
-    function = functools.partial(_record_attempt, config.task, config.seed, str(staging))
+    function = functools.partial(_record_attempt, config, str(staging))
     done: dict[int, Attempt] = {}
     interrupted = False
     started = 0
@@ -106,8 +106,8 @@ def _collect(config: RecordConfig, staging: Path, known: dict[int, Attempt]) -> 
     return [done[index] for index in sorted(done)], interrupted
 
 
-def _record_attempt(task: str, seed: int, staging: str, index: int) -> Attempt:
-    attempt = run_attempt(task, seed, index)
+def _record_attempt(config: RecordConfig, staging: str, index: int) -> Attempt:
+    attempt = run_attempt(config.task, config.seed, index, glove_noise=config.glove_noise)
     save_attempt(attempt, Path(staging))
     return dataclasses.replace(attempt, frames={})
 

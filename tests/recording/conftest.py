@@ -22,6 +22,7 @@ class CountingEnv(gymnasium.Env):
     """Count the steps: every observation tells the seed and the step, some seeds fail."""
 
     joints = JOINTS
+    command = np.zeros(23)
     metadata = {"render_modes": [], "render_fps": 20}  # noqa: RUF012
 
     def __init__(self, cameras: tuple[str, ...] = ("front", "wrist")) -> None:

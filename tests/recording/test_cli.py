@@ -24,6 +24,7 @@ from lerobot_dexflex.recording.record import record
         ("--max_attempts=3", "`max_attempts` (3) must not be below `episodes` (50)"),
         ("--repo_id=hammer", "`repo_id` must look like 'user/dataset'. Got 'hammer'"),
         ("--video.crf=99", "`video.crf` must be in [0, 51]. Got 99"),
+        ("--glove_noise=4", "`glove_noise` must be in [0, 0.02] m. Got 4.0; millimetres?"),
         ("--config_path=missing.yaml", "missing.yaml"),
     ],
 )

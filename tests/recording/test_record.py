@@ -7,6 +7,7 @@ import yaml
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.recording import RecordConfig, attempt, record
+from lerobot_dexflex.recording.config import identity
 
 
 @pytest.fixture(scope="session")
@@ -64,6 +65,25 @@ def test_frame_k_holds_the_observation_before_the_step_and_the_label(counting_ta
             np.testing.assert_allclose(255 * image, gray, atol=2)
 
 
+def test_glove_noise_is_in_the_labels_and_on_the_card_and_no_other_recording_is_continued(
+    counting_task, tmp_path, LeRobotDataset
+):
+    root = tmp_path / "count"
+    record.record(config(counting_task, root, episodes=2, glove_noise=0.004), [])
+    tips = numbers(load(LeRobotDataset, root))["action"][:, 23:]
+    offset = tips - np.tile(np.arange(9) / 128, 2)[:, None]
+    assert 0.003 < np.abs(offset).max() < 0.0041
+    assert np.abs(offset.mean()) < 0.001
+    assert "±4.0 mm on every commanded fingertip" in (root / "README.md").read_text()
+    with pytest.raises(DexFlexError, match=r"glove_noise: 0.004 there, 0.0 now"):
+        record.record(config(counting_task, root, episodes=2), [])
+
+
+def test_a_recipe_from_before_an_option_means_its_default():
+    known = RecordConfig().to_dict()
+    assert identity({k: v for k, v in known.items() if k != "glove_noise"}) == identity(known)
+
+
 def test_every_element_is_named(counting_task, tmp_path):
     root = tmp_path / "count"
     record.record(config(counting_task, root, episodes=1), [])
@@ -100,10 +120,10 @@ def test_an_interrupted_recording_is_loadable_and_continues_to_the_same_data(
 
     original = attempt.run_attempt
 
-    def interrupted(task, seed, index):
+    def interrupted(task, seed, index, **options):
         if index == 4:
             raise KeyboardInterrupt
-        return original(task, seed, index)
+        return original(task, seed, index, **options)
 
     monkeypatch.setattr(record, "run_attempt", interrupted)
     assert not record.record(config(counting_task, broken), [])
@@ -112,7 +132,7 @@ def test_an_interrupted_recording_is_loadable_and_continues_to_the_same_data(
 
     recorded = []
     monkeypatch.setattr(
-        record, "run_attempt", lambda task, seed, k: recorded.append(k) or original(task, seed, k)
+        record, "run_attempt", lambda task, seed, k, **options: recorded.append(k) or original(task, seed, k)
     )
     assert record.record(config(counting_task, broken), [])
     assert recorded == [4, 5]
@@ -152,7 +172,7 @@ def test_a_folder_of_something_else_is_refused_and_kept(counting_task, tmp_path)
 
 
 def test_attempts_of_other_code_are_not_mixed(counting_task, tmp_path, monkeypatch):
-    def interrupted(task, seed, index):
+    def interrupted(task, seed, index, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(record, "run_attempt", interrupted)
