@@ -29,7 +29,8 @@ class Method:
     """A method under test.
 
     Its name is `base[-ablation][:options][@gain]`, options joined by `+`: `raw`, `shrink:0.7`, `clip:0.0015`,
-    `dexflex`, `dexflex-notouch`, `dexflex:temperature=0.2+n_pure=16@0.7`, `dexgen:20`, `oracle:clean`.
+    `dexflex`, `dexflex-notouch`, `dexflex:temperature=0.2+n_pure=16@0.7`, `dexgen:20`,
+    `oracle:clean+moving=2`.
     """
 
     name: str
@@ -84,7 +85,8 @@ class Method:
 
         kind = "dexgen" if self.base == "dexgen" else "dexflex"
         weights = controller_digest(find_controller(controller, FILES[kind]), kind)
-        return f"{code_digest(('interfaces', 'controller'), policies=False)}.{weights}"
+        code = ("interfaces", "controller", *(("evaluation/degraded/oracle.py",) * (self.base == ORACLE)))
+        return f"{code_digest(code, policies=False)}.{weights}"
 
     def make(self, controller: Path | None) -> Interface:
         """Build the interface.
@@ -118,11 +120,11 @@ class Method:
         from lerobot_dexflex.evaluation.degraded.oracle import OracleInterface
         from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 
-        reference = options.pop("reference", None)
+        tried = {key: options.pop(key) for key in ("reference", "moving") if key in options}
         settings = selection_settings(self.ablation, options)
         loaded = shared_controller(controller)
         if self.base == ORACLE:
-            return OracleInterface(loaded, reference or "draft", settings if options else None)
+            return OracleInterface(loaded, settings=settings if options else None, **tried)
         return DexFlexInterface(loaded, settings)
 
 

@@ -17,6 +17,7 @@ from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 from lerobot_dexflex.interfaces.explanation import Choice
 from lerobot_dexflex.interfaces.learned import Sensed
 from lerobot_dexflex.interfaces.plan import Plan
+from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
 
 Reference = Literal["draft", "clean"]
 Array = NDArray[np.float64]
@@ -37,10 +38,12 @@ class OracleInterface(DexFlexInterface):
     Args:
         controller: Proposes the candidates.
         reference: Near to what: the draft; or the operator's clean command, held over the horizon.
+        moving: Steps of a chunk that are tried before holding still: 8 asks what the whole chunk would do,
+            2 what is executed of it.
         settings: How candidates are proposed; `FEW` if None.
 
     Raises:
-        DexFlexError: If the reference is unknown.
+        DexFlexError: If the reference is unknown, or `moving` is not in [1, 8].
     """
 
     name: str = "oracle"
@@ -49,12 +52,17 @@ class OracleInterface(DexFlexInterface):
         self,
         controller: DexFlexController,
         reference: Reference = "draft",
+        moving: int = DRAFT_HORIZON,
         settings: SelectionSettings | None = None,
     ) -> None:
         if reference not in ("draft", "clean"):
             raise DexFlexError(f"`reference` must be 'draft' or 'clean'. Got {reference!r}.")
+        if moving not in range(1, DRAFT_HORIZON + 1):
+            raise DexFlexError(
+                f"`moving` must be a number of steps from 1 to {DRAFT_HORIZON}. Got {moving!r}."
+            )
         super().__init__(controller, settings or FEW)
-        self._reference = reference
+        self._reference, self._moving = reference, moving
         self._slots: Sequence[Slot | None] = ()
 
     def see(self, slots: Sequence[Slot | None]) -> None:
@@ -80,7 +88,7 @@ class OracleInterface(DexFlexInterface):
             wanted = draft[k].double().numpy()
             if self._reference == "clean":
                 wanted = np.broadcast_to(slot.label, wanted.shape)
-            tried = try_out(slot, chunks[k].double().numpy(), wanted)
+            tried = try_out(slot, chunks[k].double().numpy(), wanted, self._moving)
             best[k] = int(np.argmin(tried[0]))
             for series, values in zip((cost, lost, grasp), tried, strict=True):
                 # The draft is the first candidate; without it, the first one stands in its place.
@@ -90,13 +98,16 @@ class OracleInterface(DexFlexInterface):
         return Plan(chunks[rows, best], torch.zeros(len(best), 16), choice, torch.zeros_like(best))
 
 
-def try_out(slot: Slot, chunks: Array, wanted: Array) -> tuple[Array, Array, Array]:
+def try_out(
+    slot: Slot, chunks: Array, wanted: Array, moving: int = DRAFT_HORIZON
+) -> tuple[Array, Array, Array]:
     """Execute chunks as `raw` would, each from the state now, and return there.
 
     Args:
         slot: A running episode.
         chunks: Displacements of the commanded fingertips [m]. Shape (N, H, 4, 3).
         wanted: The displacements to be near to [m]. Shape (H, 4, 3).
+        moving: Steps of both before holding still.
 
     Returns:
         Cost (N,), whether each finger lost its load (N, 4), whether the grasp was lost (N,); as floats.
@@ -104,11 +115,12 @@ def try_out(slot: Slot, chunks: Array, wanted: Array) -> tuple[Array, Array, Arr
     held = slot.held
     env, snapshot = held.env, held.env.snapshot()
     loaded = slot.state.loads > CONTACT_FORCE
-    goal = np.cumsum(wanted, 0)
+    moves = np.arange(len(wanted)) < moving
+    goal = np.cumsum(wanted * moves[:, None, None], 0)
     cost, lost, grasp = np.zeros(len(chunks)), np.zeros((len(chunks), 4)), np.zeros(len(chunks))
     for n, chunk in enumerate(chunks):
         env.restore(snapshot)
-        joints, path = held.joints, np.cumsum(chunk, 0)
+        joints, path = held.joints, np.cumsum(chunk * moves[:, None, None], 0)
         least, loads = 4, slot.state.loads
         for offset in path:
             joints = kernels.solve_fingertips(held.command + offset, joints)

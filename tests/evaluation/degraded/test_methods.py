@@ -17,6 +17,7 @@ def test_a_name_is_read_into_base_ablation_options_and_gain():
     assert dict(method.options) == {"temperature": 0.2, "seeds": ("draft", "mean")}
     assert Method.parse("shrink:0.7").options == (("gain", 0.7),)
     assert Method.parse("oracle:clean").options == (("reference", "clean"),)
+    assert Method.parse("oracle:clean+moving=2").options == (("reference", "clean"), ("moving", 2))
 
 
 @pytest.mark.parametrize(

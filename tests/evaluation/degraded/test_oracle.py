@@ -32,12 +32,27 @@ def test_letting_go_costs_a_grasp_and_trying_it_out_changes_nothing(chain):
     assert before.rng == after.rng
 
 
+def test_a_chunk_is_tried_for_as_many_steps_as_asked(chain):
+    slot = Slot(ReachEnv(cameras=()), chain, Corruption(), 0)
+    late = np.zeros((1, 8, 4, 3))
+    late[0, 2:] = 0.005
+    whole, two = (try_out(slot, late, np.zeros((8, 4, 3)), moving)[0][0] for moving in (8, 2))
+    assert two == try_out(slot, np.zeros((1, 8, 4, 3)), np.zeros((8, 4, 3)))[0][0]
+    assert whole > two
+
+
 def test_with_the_draft_alone_the_oracle_is_raw_and_explains_itself(chain, controller):
     settings = SelectionSettings(n_pure=0, n_seeded=0, project=False)
-    oracle = OracleInterface(controller, "clean", settings)
+    oracle = OracleInterface(controller, "clean", settings=settings)
     (episode,) = run_chains([chain], Corruption("noise", 0.001), oracle, max_steps=3)
     np.testing.assert_allclose(episode.executed, episode.draft, atol=1e-7)  # Chunks are single precision.
     assert [row["branch"] for row in episode.explanations] == ["draft"] * 3
+
+
+@pytest.mark.parametrize("moving", [0, 9, 1.5])
+def test_a_horizon_that_no_chunk_has_is_refused(controller, moving):
+    with pytest.raises(DexFlexError, match="from 1 to 8"):
+        OracleInterface(controller, moving=moving)
 
 
 def test_an_unknown_reference_is_refused(controller):
