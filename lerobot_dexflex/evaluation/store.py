@@ -4,7 +4,7 @@ import json
 import os
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 from lerobot_dexflex.errors import DexFlexError
 
@@ -32,36 +32,6 @@ class Storable(Protocol):
     def line(self) -> str:
         """Return the result as one line of JSON."""
         ...
-
-
-class WholeJob:
-    """Base of dataclasses that are the one result of their job; satisfies `Storable` with a `job`."""
-
-    @property
-    def group(self) -> tuple[int, int]:
-        """A job is one result."""
-        return (0, 1)
-
-    @property
-    def episode(self) -> int:
-        """Its index in the group."""
-        return 0
-
-    def line(self) -> str:
-        """Return the result as one line of JSON."""
-        return json.dumps(vars(self)) + "\n"
-
-    @classmethod
-    def parse(cls, line: str) -> Self:
-        """Inverse of `line`.
-
-        Raises:
-            ValueError: If the line is torn or of another form.
-        """
-        try:
-            return cls(**json.loads(line))
-        except TypeError as error:
-            raise ValueError(f"No {cls.__name__}: {line[:80]!r}") from error
 
 
 class Store[Result: Storable]:

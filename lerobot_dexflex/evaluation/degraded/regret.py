@@ -4,7 +4,6 @@ Unlike under the oracle nothing that was tried is executed, so the states are th
 What the score picks can then be held against what would have been best.
 """
 
-import time
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,7 +12,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from tqdm import tqdm
 
 from lerobot_dexflex.commands.loop import MAX_STEPS, Slot, run_chains
 from lerobot_dexflex.controller import DexFlexController, Selection, SelectionSettings, State
@@ -23,14 +21,14 @@ from lerobot_dexflex.evaluation.degraded.cells import Cell
 from lerobot_dexflex.evaluation.degraded.methods import shared_controller
 from lerobot_dexflex.evaluation.degraded.oracle import try_out
 from lerobot_dexflex.evaluation.degraded.runner import Benchmark
-from lerobot_dexflex.evaluation.provenance import environment_identity, session, session_provenance
+from lerobot_dexflex.evaluation.provenance import environment_identity, session_provenance
 from lerobot_dexflex.evaluation.statistics import mean_interval
-from lerobot_dexflex.evaluation.store import Store, WholeJob
+from lerobot_dexflex.evaluation.store import Store
+from lerobot_dexflex.evaluation.whole_jobs import WholeJob, run_missing
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, controller_digest, find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 from lerobot_dexflex.interfaces.explanation import Choice
-from lerobot_dexflex.recording.workers import run_numbered
 from lerobot_dexflex.training.metrics import roc_auc
 
 EVERY = 8
@@ -183,22 +181,10 @@ def judge(judging: Judging, workers: int = 2, quiet: bool = False) -> dict[str, 
     jobs = judging.jobs()
     for book in judging.benchmark.books():
         book.ensure(GROUP * (1 + max(group for _, group in jobs)), workers, quiet)
-    done = {found.job: found for found in store.load() if found.job in jobs}
-    waiting = iter([n for n, job in enumerate(jobs) if job not in done])
-    started, new = time.time(), 0
-    try:
-        with tqdm(total=len(jobs), initial=len(done), unit="group", disable=quiet) as bar:
-            for found in run_numbered(judging.run_job, lambda _: next(waiting, None), workers):
-                store.append([found])
-                done[found.job] = found
-                new += 1
-                bar.update()
-    finally:
-        if new:
-            store.add_session(session(started, GROUP * new, workers))
+    found = run_missing(store, jobs, judging.run_job, GROUP, workers, quiet)
     return {
         "identity": judging.identity(),
-        "judged": {cell: summarise([done[job] for job in jobs], cell) for cell in judging.benchmark.cells},
+        "judged": {cell: summarise(found, cell) for cell in judging.benchmark.cells},
         "provenance": session_provenance(store.sessions()),
     }
 

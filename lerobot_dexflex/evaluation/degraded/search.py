@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import statsmodels.api as sm
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from lerobot_dexflex.commands.loop import run_chains
 from lerobot_dexflex.controller import SelectionSettings
@@ -24,11 +23,11 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.degraded.chain_book import ChainBook
 from lerobot_dexflex.evaluation.degraded.methods import shared_controller
 from lerobot_dexflex.evaluation.provenance import environment_identity
-from lerobot_dexflex.evaluation.store import Store, WholeJob
+from lerobot_dexflex.evaluation.store import Store
+from lerobot_dexflex.evaluation.whole_jobs import WholeJob, run_missing
 from lerobot_dexflex.experts.reach.chains import Chain
 from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, controller_digest, find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
-from lerobot_dexflex.recording.workers import run_numbered
 
 RANGES = {
     "gain": (0.3, 1.2),
@@ -98,7 +97,7 @@ class Search:
 
 
 def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -> list[Trial]:
-    """Run trials until there are `trials` and return all that are finished.
+    """Run the trials that are missing and return the first `trials`.
 
     Args:
         search: What to run.
@@ -111,16 +110,8 @@ def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -
     """
     search.book.ensure(search.n_chains, workers, quiet)
     store = Store(search.output, search.identity(), Trial.parse)
-    done = {trial.number: trial for trial in store.load()}
-    waiting = iter([n for n in range(trials) if n not in done])
-    with tqdm(total=trials, initial=len(done), unit="trial", disable=quiet) as bar:
-        for trial in run_numbered(
-            functools.partial(run_trial, search), lambda _: next(waiting, None), workers
-        ):
-            store.append([trial])
-            done[trial.number] = trial
-            bar.update()
-    return [done[n] for n in sorted(done)]
+    job = functools.partial(run_trial, search)
+    return run_missing(store, range(trials), job, BATCH, workers, quiet)
 
 
 def run_trial(search: Search, number: int) -> Trial:
