@@ -40,7 +40,7 @@ def bars(result: dict[str, Any]) -> bytes:
             axes.errorbar(at, heights, yerr=error, fmt="none", ecolor=INK, elinewidth=0.8, capsize=1.5)
         axes.set(ylabel=label, ylim=(0, None))
         axes.set_xticks(range(len(cells)), list(cells))
-    panels[0].legend(ncols=len(methods), loc="lower left", bbox_to_anchor=(0, 1), **LEGEND)
+    panels[0].legend(ncols=5, loc="lower left", bbox_to_anchor=(0, 1), **LEGEND)
     return png(figure)
 
 
