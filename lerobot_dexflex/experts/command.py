@@ -81,26 +81,6 @@ class Unsteadiness:
         return share * self._scale * self._value
 
 
-def through_glove(
-    commands: Iterator[Command], hand_joints: Array, noise: float, rng: np.random.Generator
-) -> Iterator[Command]:
-    """Yield an expert's commands as a glove with jitter would pass them on.
-
-    Both labels hold the jitter: the fingertips, and the joints that reach them.
-
-    Args:
-        commands: Of an expert, who feels nothing of it but what the object does.
-        hand_joints: Joint command at the start [rad]. Shape (16,).
-        noise: Half width of the uniform noise on every fingertip coordinate and step [m].
-        rng: Source of the noise.
-    """
-    executor = FingertipExecutor(hand_joints)
-    for command in commands:
-        tips = command.fingertips + rng.uniform(-noise, noise, command.fingertips.shape)
-        joints = np.concatenate([command.joint_targets[:7], executor.step(tips)])
-        yield Command(joints, tips, joints + command.executed - command.joint_targets)
-
-
 def min_jerk(phase: float) -> float:
     """Return the minimum-jerk position in [0, 1] at `phase` in [0, 1]."""
     return phase**3 * (10 - 15 * phase + 6 * phase**2)

@@ -1,7 +1,8 @@
 """One attempt of the expert: run it, keep it in a file that is either whole or absent."""
 
+import functools
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ from lerobot_dexflex.envs.hand_env import LEROBOT_KEYS
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
-from lerobot_dexflex.experts.command import Command, through_glove
+from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.recording.operation import OperatedHand, loaded_interface
 from lerobot_dexflex.recording.schema import columns, rounded
 
 
@@ -45,7 +47,15 @@ class Attempt:
         }
 
 
-def run_attempt(task: str, seed: int, index: int, cameras: bool = True, glove_noise: float = 0.0) -> Attempt:
+def run_attempt(
+    task: str,
+    seed: int,
+    index: int,
+    cameras: bool = True,
+    glove_noise: float = 0.0,
+    interface: str = "raw",
+    controller: str = "",
+) -> Attempt:
     """Let the expert attempt the task once.
 
     The frame at step k holds the observation before the step and the expert's label; the environment
@@ -57,28 +67,41 @@ def run_attempt(task: str, seed: int, index: int, cameras: bool = True, glove_no
         index: Number of the attempt.
         cameras: Render and keep the frames; without, only the outcome is returned.
         glove_noise: See `RecordConfig`.
+        interface: See `RecordConfig`.
+        controller: See `RecordConfig`.
 
     Raises:
-        DexFlexError: If the task has no expert.
+        DexFlexError: If the task has no expert or the interface no controller.
     """
     expert = make_expert(task)
     options: dict[str, Any] = {} if cameras else {"cameras": ()}
     env = gymnasium.make(f"{NAMESPACE}/{task}", disable_env_checker=True, **options)
     try:
-        return _run(env, expert, seed, index, cameras, glove_noise)
+        # A steady command through `raw` is the expert's own: the same law has made its joints.
+        between = None
+        if glove_noise or interface != "raw":
+            between = functools.partial(OperatedHand, loaded_interface(interface, controller), glove_noise)
+        return _run(env, expert, seed, index, cameras, between)
     finally:
         env.close()
 
 
-def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool, glove_noise: float) -> Attempt:
+def _run(
+    env: gymnasium.Env,
+    expert: Any,
+    seed: int,
+    index: int,
+    keep: bool,
+    between: Callable[[np.random.Generator, NDArray], OperatedHand] | None,
+) -> Attempt:
     observation, info = env.reset(seed=seed + index)
     commands: Iterator[Command] = expert(env.unwrapped, np.random.default_rng((seed, index)))
-    if glove_noise:
-        rng = np.random.default_rng((seed, index, 1))
-        commands = through_glove(commands, env.get_wrapper_attr("command")[7:], glove_noise, rng)
+    hand = between and between(np.random.default_rng((seed, index, 1)), env.get_wrapper_attr("command")[7:])
     frames: list[dict[str, NDArray]] = []
     steps = 0
     for command in commands:
+        if hand:
+            command = hand.move(observation, command)
         if keep:
             frames.append(_frame(observation, command))
         observation, _, terminated, truncated, info = env.step(command.executed)

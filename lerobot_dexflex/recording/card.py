@@ -13,8 +13,11 @@ from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP
 from lerobot_dexflex.recording.staging import RECORD_FILE
 
 _GLOVE = """\
-Labels and execution also hold the jitter of a glove: ±{:.1f} mm on every commanded fingertip coordinate,
-new in every step, and the hand joints that reach it.
+The operator's glove jitters by ±{:.1f} mm in every fingertip coordinate, anew in every step.
+"""
+_INTERFACE = """\
+The operator's fingertips passed through the interface `{interface}`{controller}; labels and execution are
+what it made of them.
 """
 _TEMPLATE = """\
 ---
@@ -109,7 +112,7 @@ def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
         minutes=info["total_frames"] / info["fps"] / 60,
         version=info["codebase_version"],
         warning="" if record["complete"] else "\n\n**Unfinished:** run the command below again to continue.",
-        glove=_GLOVE.format(1e3 * recipe["glove_noise"]) if recipe.get("glove_noise") else "",
+        glove=_between(record),
         **expert,
         rate=100 * successes / attempts,
         low=low,
@@ -124,6 +127,17 @@ def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
         code=record["code"],
         versions=", ".join(f"{name} {number}" for name, number in record["versions"].items()),
     )
+
+
+def _between(record: dict[str, Any]) -> str:
+    """Say what stood between the operator and the hand; recipes of old have neither glove nor interface."""
+    recipe = record["recipe"]
+    noise, interface = recipe.get("glove_noise"), recipe.get("interface", "raw")
+    if not noise and interface == "raw":
+        return ""
+    controller = f" (controller {record['controller']})" if record.get("controller") else ""
+    glove = _GLOVE.format(1e3 * noise) if noise else ""
+    return glove + _INTERFACE.format(interface=interface, controller=controller)
 
 
 def _rows(info: dict[str, Any]) -> list[str]:

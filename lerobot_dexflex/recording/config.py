@@ -6,6 +6,8 @@ from typing import Any
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.interfaces import INTERFACES, interface_entry
+from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
 
 LARGEST_NOISE = 0.02
 """Of `glove_noise` [m]: a fingertip's size."""
@@ -47,7 +49,13 @@ class RecordConfig:
     """Give up after so many attempts; 0 means twice the episodes plus 10."""
     glove_noise: float = 0.0
     """Half width of uniform noise on every commanded fingertip coordinate, new in every step [m]: jitter of a
-    glove or a hand tracker. It is executed and recorded: nobody knows an operator's steady command."""
+    glove or a hand tracker. What the interface makes of it is executed and recorded: nobody knows an
+    operator's steady command."""
+    interface: str = "raw"
+    """What executes the commanded fingertips while recording: `raw`, `filter`, `dexgen`, `dexflex` or another
+    interface that reads drafts."""
+    controller: str = ""
+    """Folder or hub id of the controller of `dexgen` and `dexflex`; empty is the repository's own."""
     video: VideoConfig = field(default_factory=VideoConfig)
     """Encoding of the cameras."""
     push: bool = False
@@ -67,6 +75,11 @@ class RecordConfig:
             raise DexFlexError(
                 f"`glove_noise` must be in [0, {LARGEST_NOISE}] m. Got {self.glove_noise}; millimetres?"
             )
+        if interface_entry(self.interface).command_space != "draft":
+            drafts = [name for name, entry in INTERFACES.items() if entry.command_space == "draft"]
+            raise DexFlexError(
+                f"`interface` must be one that reads drafts: {', '.join(drafts)}. Got {self.interface!r}."
+            )
         if 0 < self.max_attempts < self.episodes:
             raise DexFlexError(
                 f"`max_attempts` ({self.max_attempts}) must not be below `episodes` ({self.episodes}); "
@@ -77,6 +90,17 @@ class RecordConfig:
             self.repo_id = f"lerobot-dexflex/{self.root.resolve().name}"
         if self.repo_id.count("/") != 1 or not all(self.repo_id.split("/")):
             raise DexFlexError(f"`repo_id` must look like 'user/dataset'. Got {self.repo_id!r}.")
+
+    @property
+    def controller_digest(self) -> str:
+        """Content hash of the interface's controller; empty if it needs none.
+
+        Raises:
+            DexFlexError: If it is not there.
+        """
+        if not interface_entry(self.interface).learned:
+            return ""
+        return controller_digest(find_controller(self.controller, FILES[self.interface]), self.interface)
 
     @property
     def attempt_limit(self) -> int:

@@ -9,7 +9,10 @@ from pathlib import Path
 from typing import Any
 
 PACKAGE = Path(__file__).resolve().parents[1]
-_DECISIVE = ("hand", "envs", "experts", "recording/attempt.py", "recording/schema.py")
+_DECISIVE = (
+    *("hand", "envs", "experts", "interfaces", "controller"),
+    *(f"recording/{name}.py" for name in ("attempt", "operation", "schema")),
+)
 
 
 def code_digest() -> str:

@@ -44,7 +44,7 @@ def record(config: RecordConfig, arguments: list[str] | None = None) -> bool:
     if is_complete(config):
         print(f"{config.root} is complete: {config.episodes} episodes of this recipe. Nothing to record.")
         return True
-    origin = provenance("dexflex-record", arguments)
+    origin = provenance("dexflex-record", arguments) | {"controller": config.controller_digest}
     staging = open_staging(config)
     known = staged_attempts(staging)
     attempts, interrupted = _collect(config, staging, known)
@@ -107,7 +107,14 @@ def _collect(config: RecordConfig, staging: Path, known: dict[int, Attempt]) -> 
 
 
 def _record_attempt(config: RecordConfig, staging: str, index: int) -> Attempt:
-    attempt = run_attempt(config.task, config.seed, index, glove_noise=config.glove_noise)
+    attempt = run_attempt(
+        config.task,
+        config.seed,
+        index,
+        glove_noise=config.glove_noise,
+        interface=config.interface,
+        controller=config.controller,
+    )
     save_attempt(attempt, Path(staging))
     return dataclasses.replace(attempt, frames={})
 

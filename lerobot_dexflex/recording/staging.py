@@ -54,6 +54,11 @@ def open_staging(config: RecordConfig) -> Path:
     if manifest.is_file():
         found = json.loads(manifest.read_text())
         _check_same_recipe(config, found["recipe"], staging)
+        if found.get("controller", "") != config.controller_digest:
+            raise DexFlexError(
+                f"{staging} was recorded with another controller. Give --controller that one, choose another "
+                f"--root, or delete {staging} to start again."
+            )
         if found["code"] != code_digest():
             raise DexFlexError(
                 f"{staging} was recorded by other code (digest {found['code']}, now {code_digest()}); mixing "
@@ -70,7 +75,8 @@ def open_staging(config: RecordConfig) -> Path:
         )
     staging.mkdir(parents=True, exist_ok=True)
     temporary = manifest.with_suffix(".json.tmp")
-    temporary.write_text(json.dumps({"recipe": config.to_dict(), "code": code_digest()}, indent=2))
+    origin = {"code": code_digest(), "controller": config.controller_digest}
+    temporary.write_text(json.dumps({"recipe": config.to_dict(), **origin}, indent=2))
     temporary.replace(manifest)
     return staging
 

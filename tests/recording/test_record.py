@@ -6,7 +6,8 @@ import pytest
 import yaml
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.recording import RecordConfig, attempt, record
+from lerobot_dexflex.experts.command import fingertips_of
+from lerobot_dexflex.recording import RecordConfig, attempt, record, staging
 from lerobot_dexflex.recording.config import identity
 
 
@@ -74,9 +75,34 @@ def test_glove_noise_is_in_the_labels_and_on_the_card_and_no_other_recording_is_
     offset = tips - np.tile(np.arange(9) / 128, 2)[:, None]
     assert 0.003 < np.abs(offset).max() < 0.0041
     assert np.abs(offset.mean()) < 0.001
-    assert "±4.0 mm on every commanded fingertip" in (root / "README.md").read_text()
+    assert "glove jitters by ±4.0 mm in every fingertip coordinate" in (root / "README.md").read_text()
     with pytest.raises(DexFlexError, match=r"glove_noise: 0.004 there, 0.0 now"):
         record.record(config(counting_task, root, episodes=2), [])
+
+
+def test_an_interface_decides_what_is_executed_and_recorded(counting_task, tmp_path, LeRobotDataset):
+    """The commanded tips of `hold` never leave the start, however the operator and its glove move."""
+    root = tmp_path / "count"
+    record.record(config(counting_task, root, episodes=1, glove_noise=0.004, interface="hold"), [])
+    actions = numbers(load(LeRobotDataset, root))["action"]
+    start = fingertips_of(np.zeros(16)).ravel()
+    np.testing.assert_allclose(actions[:, 23:], np.tile(start, (9, 1)), atol=1e-4)
+    np.testing.assert_allclose(actions[:, 7:23], 0, atol=1e-3)
+    assert np.abs(actions[:, :7]).max() > 0.5  # The arm does what the expert says.
+    card = (root / "README.md").read_text()
+    assert "passed through the interface `hold`; labels and execution are" in card
+    with pytest.raises(DexFlexError, match="interface: 'hold' there, 'raw' now"):
+        record.record(config(counting_task, root, episodes=1, glove_noise=0.004), [])
+
+
+def test_a_learned_interface_names_its_controller_and_does_not_mix_two(
+    counting_task, tmp_path, monkeypatch, LeRobotDataset
+):
+    root = tmp_path / "count"
+    staging.open_staging(config(counting_task, root, interface="dexflex"))
+    monkeypatch.setattr(RecordConfig, "controller_digest", property(lambda self: "another"))
+    with pytest.raises(DexFlexError, match="was recorded with another controller"):
+        record.record(config(counting_task, root, interface="dexflex"), [])
 
 
 def test_a_recipe_from_before_an_option_means_its_default():
