@@ -40,6 +40,13 @@ def parser() -> argparse.ArgumentParser:
     add("--command-noise", type=float, default=0.0, help="half width of noise on planned fingertips [m]")
     add("--joint-policy", type=Path, help="folder pretrained_model; default: the shipped checkpoint")
     add("--draft-policy", type=Path, help="the same for all interfaces that read drafts")
+    add(
+        "--policy",
+        action="append",
+        default=[],
+        metavar="INTERFACE=FOLDER",
+        help="this interface's own checkpoint, e.g. trained on what was recorded through it; repeatable",
+    )
     add("--backbone", type=Path, help="folder pretrained_model of ACT or another policy of LeRobot instead")
     add("--controller", default="", help="folder or hub id, for dexgen and dexflex; default: the shipped one")
     add("--device", default="cpu", help="torch device of the policies; default cpu")
@@ -99,10 +106,10 @@ def build(options: argparse.Namespace) -> Any:
     if options.backbone is None:
         joint = options.joint_policy or shipped(options.task, "joint")
         draft = options.draft_policy or shipped(options.task, "draft")
-        policies = LeRobotPolicies(joint, draft, **shared)
-    elif options.joint_policy or options.draft_policy:
+        policies = LeRobotPolicies(joint, draft, own=own_policies(options.policy), **shared)
+    elif options.joint_policy or options.draft_policy or options.policy:
         raise DexFlexError(
-            "Give --backbone, which serves all interfaces, or --joint-policy and --draft-policy."
+            "Give --backbone, which serves all interfaces, or --joint-policy, --draft-policy and --policy."
         )
     else:
         policies = AdaptedPolicies(options.backbone, **shared)
@@ -123,6 +130,26 @@ def build(options: argparse.Namespace) -> Any:
         name = f"{options.task}-{identity_digest(comparison.identity())}"
         comparison = dataclasses.replace(comparison, output=Path("outputs/compare") / name)
     return comparison
+
+
+def own_policies(words: list[str]) -> tuple[tuple[str, Path], ...]:
+    """Parse `INTERFACE=FOLDER`.
+
+    Raises:
+        DexFlexError: If a word looks different, names no interface, or one a second time.
+    """
+    from lerobot_dexflex.interfaces import interface_entry
+
+    found: dict[str, Path] = {}
+    for word in words:
+        name, equals, folder = word.partition("=")
+        if not (equals and folder):
+            raise DexFlexError(f"`--policy` must look like dexflex=<folder pretrained_model>. Got {word!r}.")
+        interface_entry(name)
+        if name in found:
+            raise DexFlexError(f"`--policy` is given twice for {name}: {found[name]} and {folder}.")
+        found[name] = Path(folder)
+    return tuple(found.items())
 
 
 def shipped(task: str, space: str) -> Path:

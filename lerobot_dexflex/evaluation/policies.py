@@ -26,7 +26,7 @@ from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 @dataclass(frozen=True)
 class LeRobotPolicies:
-    """One checkpoint per action space; every interface that reads drafts shares the draft checkpoint."""
+    """One checkpoint per action space, shared by its interfaces, unless they have their own."""
 
     joint: Path
     """Folder `pretrained_model` of the policy that learned joint targets."""
@@ -37,6 +37,8 @@ class LeRobotPolicies:
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
     command_noise: float = 0.0
     """Half width of uniform noise on planned fingertips [m]; see `LeRobotController`."""
+    own: tuple[tuple[str, Path], ...] = ()
+    """Interfaces with a checkpoint of their own, e.g. trained on demonstrations recorded through them."""
 
     def __call__(self, interface: str) -> "LeRobotController":
         """Load the checkpoint that fits the interface."""
@@ -45,20 +47,28 @@ class LeRobotPolicies:
 
     def checkpoint(self, interface: str) -> Path:
         """Return the checkpoint folder of an interface."""
+        own = dict(self.own)
+        if interface in own:
+            return own[interface]
         return self.joint if interface_entry(interface).command_space == "joint" else self.draft
 
     def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
         """Check the checkpoints and controllers that are needed; returns their content hashes and the device.
 
         Raises:
-            DexFlexError: If one is missing or a checkpoint learned another action space.
+            DexFlexError: If one is missing, a checkpoint learned another action space, or one is given for an
+                interface that is not compared.
         """
+        if strangers := [name for name in dict(self.own) if name not in interfaces]:
+            raise DexFlexError(
+                f"A checkpoint is given for {', '.join(strangers)}, but compared are {', '.join(interfaces)}."
+            )
         found = {}
         for name in interfaces:
             space = interface_entry(name).command_space
             folder = self.checkpoint(name)
             check_checkpoint(folder, space)
-            found[f"checkpoint.{space}"] = checkpoint_digest(folder)
+            found[f"checkpoint.{name if name in dict(self.own) else space}"] = checkpoint_digest(folder)
         return {
             **found,
             **_controllers(interfaces, self.controller),

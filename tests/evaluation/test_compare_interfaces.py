@@ -24,6 +24,11 @@ def script(load_script):
         ),
         (["--workers", "-1"], "`--workers` must not be negative. Got -1."),
         (["--episodes", "0"], "`episodes` must be at least 1. Got 0."),
+        (["--policy", "dexflex"], "must look like dexflex=<folder pretrained_model>. Got 'dexflex'"),
+        (["--policy", "telepathy=x"], "Unknown interface 'telepathy'"),
+        (["--policy", "raw=x", "--policy", "raw=y"], "`--policy` is given twice for raw: x and y"),
+        (["--policy", "raw=/nowhere"], "No draft checkpoint at /nowhere"),
+        (["--backbone", "x", "--policy", "raw=y"], "Give --backbone, which serves all interfaces, or"),
         (["--disturbance", "windy"], "Unknown disturbance 'windy'. Valid: none, heavy"),
     ],
 )

@@ -1,5 +1,6 @@
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -106,6 +107,21 @@ def test_the_identity_names_one_checkpoint_for_all_drafts(policies):
     assert set(identity) == {"checkpoint.joint", "checkpoint.draft", "device"}
     assert policies.identity(["raw"])["checkpoint.draft"] == identity["checkpoint.draft"]
     assert identity["checkpoint.joint"] != identity["checkpoint.draft"]
+
+
+def test_an_interface_can_have_a_checkpoint_of_its_own(policies):
+    nowhere = Path("/nowhere")
+    both = LeRobotPolicies(policies.joint, nowhere, own=(("raw", policies.draft), ("filter", policies.draft)))
+    identity = both.identity(["joint", "raw", "filter"])  # The shared draft checkpoint is not needed.
+    assert set(identity) == {"checkpoint.joint", "checkpoint.raw", "checkpoint.filter", "device"}
+    assert identity["checkpoint.raw"] == policies.identity(["raw"])["checkpoint.draft"]
+    np.testing.assert_array_equal(act(both("raw"), [5]), act(policies("raw"), [5]))
+    with pytest.raises(DexFlexError, match="No draft checkpoint at /nowhere"):
+        both.identity(["raw", "filter", "shrink"])
+    with pytest.raises(DexFlexError, match="A checkpoint is given for filter, but compared are joint, raw"):
+        both.identity(["joint", "raw"])
+    with pytest.raises(DexFlexError, match="learned the action space 'joint'"):
+        replace(both, own=(("raw", policies.joint),)).identity(["raw"])
 
 
 @pytest.mark.parametrize("interface", ["dexgen", "dexflex"])
