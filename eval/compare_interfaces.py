@@ -49,6 +49,12 @@ def parser() -> argparse.ArgumentParser:
     )
     add("--backbone", type=Path, help="folder pretrained_model of ACT or another policy of LeRobot instead")
     add("--controller", default="", help="folder or hub id, for dexgen and dexflex; default: the shipped one")
+    add(
+        "--operator",
+        action="store_true",
+        help="no policy: the scripted, privileged expert teleoperates the hand through the interfaces",
+    )
+    add("--glove-noise", type=float, help="half width of the jitter of the operator's glove [m]; default 0")
     add("--device", default="cpu", help="torch device of the policies; default cpu")
     add("--workers", type=int, default=2, help="worker processes; does not change results; default 2")
     add("--batch-size", type=int, default=1, help="episodes in lock-step per worker; default 1")
@@ -88,6 +94,7 @@ def build(options: argparse.Namespace) -> Any:
         DexFlexError: If the task, an interface or a checkpoint does not exist or does not fit.
     """
     from lerobot_dexflex.evaluation.comparison import Comparison
+    from lerobot_dexflex.evaluation.operators import Operators
     from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies
     from lerobot_dexflex.evaluation.provenance import identity_digest
     from lerobot_dexflex.interfaces import interface_entry
@@ -98,12 +105,19 @@ def build(options: argparse.Namespace) -> Any:
         interface_entry(name)
     if options.workers < 0:
         raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")
+    chosen = (options.joint_policy, options.draft_policy, options.backbone, options.policy)
+    if options.operator and any((*chosen, options.command_noise)):
+        raise DexFlexError("--operator takes the place of every policy: give --glove-noise only.")
+    if options.glove_noise is not None and not options.operator:
+        raise DexFlexError("--glove-noise needs --operator; for policies there is --command-noise.")
     shared = {
         "device": options.device,
         "controller": options.controller,
         "command_noise": options.command_noise,
     }
-    if options.backbone is None:
+    if options.operator:
+        policies = Operators(options.task, options.glove_noise or 0.0, options.controller)
+    elif options.backbone is None:
         joint = options.joint_policy or shipped(options.task, "joint")
         draft = options.draft_policy or shipped(options.task, "draft")
         policies = LeRobotPolicies(joint, draft, own=own_policies(options.policy), **shared)

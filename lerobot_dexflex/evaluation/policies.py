@@ -71,7 +71,7 @@ class LeRobotPolicies:
             found[f"checkpoint.{name if name in dict(self.own) else space}"] = checkpoint_digest(folder)
         return {
             **found,
-            **_controllers(interfaces, self.controller),
+            **controller_digests(interfaces, self.controller),
             **_noise(self.command_noise),
             "device": self.device,
         }
@@ -107,13 +107,13 @@ class AdaptedPolicies:
             )
         return {
             "backbone": checkpoint_digest(self.backbone),
-            **_controllers(interfaces, self.controller),
+            **controller_digests(interfaces, self.controller),
             **_noise(self.command_noise),
             "device": self.device,
         }
 
 
-def _controllers(interfaces: Sequence[str], controller: str) -> dict[str, str]:
+def controller_digests(interfaces: Sequence[str], controller: str) -> dict[str, str]:
     """Return the content hashes of the controllers that the interfaces need."""
     learned = [name for name in interfaces if interface_entry(name).learned]
     return {

@@ -1,7 +1,7 @@
 """Run a batch of episodes in lock-step."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
@@ -25,6 +25,15 @@ class Controller(Protocol):
 
     def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
         """Return joint targets [rad], shape (batch, joints), for observations stacked over episodes."""
+        ...
+
+
+@runtime_checkable
+class Privileged(Protocol):
+    """A controller that looks into the simulator: operators, never policies."""
+
+    def see(self, environments: Sequence[gymnasium.Env]) -> None:
+        """Look at the environments of a batch after their reset."""
         ...
 
 
@@ -65,6 +74,8 @@ def run_group(
     started = [environments[k].reset(seed=seeds[k]) for k in rows]
     observations = [observation for observation, _ in started]
     _check_info(environments[0], started[0][1])
+    if isinstance(controller, Privileged):
+        controller.see(environments[: len(seeds)])
     recorders = [
         Recorder(info, 1 / environments[k].metadata["render_fps"]) for k, (_, info) in enumerate(started)
     ]

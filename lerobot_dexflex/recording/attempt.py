@@ -17,7 +17,8 @@ from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.recording.operation import OperatedHand, loaded_interface
+from lerobot_dexflex.interfaces import Interface
+from lerobot_dexflex.recording.operation import OperatedHand, load_interface
 from lerobot_dexflex.recording.schema import columns, rounded
 
 
@@ -80,10 +81,16 @@ def run_attempt(
         # A steady command through `raw` is the expert's own: the same law has made its joints.
         between = None
         if glove_noise or interface != "raw":
-            between = functools.partial(OperatedHand, loaded_interface(interface, controller), glove_noise)
+            between = functools.partial(OperatedHand, _interface(interface, controller), glove_noise)
         return _run(env, expert, seed, index, cameras, between)
     finally:
         env.close()
+
+
+@functools.cache
+def _interface(name: str, controller: str) -> Interface:
+    """Return this process's interface; a controller takes a second to load."""
+    return load_interface(name, controller)
 
 
 def _run(

@@ -6,8 +6,9 @@ from typing import Any
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces import INTERFACES, interface_entry
+from lerobot_dexflex.interfaces import interface_entry
 from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
+from lerobot_dexflex.recording.operation import checked_interface
 
 LARGEST_NOISE = 0.02
 """Of `glove_noise` [m]: a fingertip's size."""
@@ -75,11 +76,7 @@ class RecordConfig:
             raise DexFlexError(
                 f"`glove_noise` must be in [0, {LARGEST_NOISE}] m. Got {self.glove_noise}; millimetres?"
             )
-        if interface_entry(self.interface).command_space != "draft":
-            drafts = [name for name, entry in INTERFACES.items() if entry.command_space == "draft"]
-            raise DexFlexError(
-                f"`interface` must be one that reads drafts: {', '.join(drafts)}. Got {self.interface!r}."
-            )
+        checked_interface(self.interface)
         if 0 < self.max_attempts < self.episodes:
             raise DexFlexError(
                 f"`max_attempts` ({self.max_attempts}) must not be below `episodes` ({self.episodes}); "

@@ -1,6 +1,5 @@
 """What stands between an operator's fingertips and the hand: a glove's jitter, then an action interface."""
 
-import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,9 +8,10 @@ import torch
 from numpy.typing import ArrayLike
 
 from lerobot_dexflex.envs.hand_env import LEROBOT_KEYS
+from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.model import ARM_JOINTS
-from lerobot_dexflex.interfaces import DRAFT_HORIZON, Interface, interface_entry, make_interface
+from lerobot_dexflex.interfaces import DRAFT_HORIZON, INTERFACES, Interface, interface_entry, make_interface
 from lerobot_dexflex.interfaces.controller_folder import FILES, find_controller
 
 _ARM = len(ARM_JOINTS)
@@ -59,10 +59,23 @@ class OperatedHand:
         return Command(joints, tips[0].numpy().copy(), joints + command.executed - command.joint_targets)
 
 
-@functools.cache
-def loaded_interface(name: str, controller: str) -> Interface:
-    """Return this process's interface; a controller takes a second to load and is loaded once."""
-    options = (
-        {"controller": find_controller(controller, FILES[name])} if interface_entry(name).learned else {}
-    )
-    return make_interface(name, **options)
+def checked_interface(name: str) -> str:
+    """Return the name of an interface through which an operator can work.
+
+    Raises:
+        DexFlexError: If there is no such interface, or it does not read drafts.
+    """
+    if interface_entry(name).command_space != "draft":
+        drafts = [other for other, entry in INTERFACES.items() if entry.command_space == "draft"]
+        raise DexFlexError(
+            f"`interface` must be one that reads drafts: {', '.join(drafts)}. Got {name!r}: an operator "
+            "commands fingertips."
+        )
+    return name
+
+
+def load_interface(name: str, controller: str) -> Interface:
+    """Return an interface, with the controller it needs; an empty one is the shipped one."""
+    if interface_entry(name).learned:
+        return make_interface(name, controller=find_controller(controller, FILES[name]))
+    return make_interface(name)
