@@ -29,6 +29,9 @@ def script(load_script):
         (["--policy", "raw=x", "--policy", "raw=y"], "`--policy` is given twice for raw: x and y"),
         (["--policy", "raw=/nowhere"], "No draft checkpoint at /nowhere"),
         (["--backbone", "x", "--policy", "raw=y"], "Give --backbone, which serves all interfaces, or"),
+        (["--operator", "--policy", "raw=y"], "--operator takes the place of every policy"),
+        (["--operator", "--interfaces", "joint"], "one that reads drafts: raw, filter"),
+        (["--glove-noise", "0.004"], "--glove-noise needs --operator"),
         (["--disturbance", "windy"], "Unknown disturbance 'windy'. Valid: none, heavy"),
     ],
 )

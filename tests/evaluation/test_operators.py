@@ -1,0 +1,106 @@
+import gymnasium
+import numpy as np
+import pytest
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation import operators
+from lerobot_dexflex.evaluation.operators import Operators
+from lerobot_dexflex.evaluation.rollout import run_group
+from lerobot_dexflex.experts import make_expert
+from lerobot_dexflex.experts.command import Command, fingertips_of
+
+TASK = "PlaceHammer-v0"
+
+
+def environments(count):
+    return [
+        gymnasium.make(f"lerobot_dexflex/{TASK}", cameras=(), disable_env_checker=True) for _ in range(count)
+    ]
+
+
+def observations(envs, seeds):
+    """Reset the environments; returns their observations, stacked."""
+    rows = [env.reset(seed=seed)[0] for env, seed in zip(envs, seeds, strict=True)]
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+def act(controller, envs, seeds, steps):
+    """Execute some steps; returns the joint targets, (steps, batch, 23)."""
+    controller.reset(seeds)
+    observation = observations(envs, seeds)
+    controller.see(envs)
+    actions = []
+    for _ in range(steps):
+        actions.append(controller.act(observation, "task"))
+        rows = [env.step(action)[0] for env, action in zip(envs, actions[-1], strict=True)]
+        observation = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    return np.array(actions)
+
+
+def test_without_a_glove_raw_passes_on_what_the_expert_does():
+    (env,) = environments(1)
+    actions = act(Operators(TASK)("raw"), [env], [7], 60)[:, 0]
+    env.reset(seed=7)
+    commands = make_expert(TASK)(env.unwrapped, np.random.default_rng((7, 1)))
+    for action in actions:
+        command = next(commands)
+        np.testing.assert_allclose(action, command.executed, atol=1e-6)
+        env.step(command.executed)
+
+
+def test_an_operator_without_a_glove_solves_its_task_and_its_motion_is_told():
+    controller = Operators(TASK)("raw")
+    [recorder] = run_group(environments(1), controller, [7])
+    assert recorder.success
+    assert controller.motion is not None
+    assert recorder.outcome("raw", 0, 7, (0, 1)).intervention == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("interface", ["raw", "filter"])
+def test_rows_have_their_own_glove_and_interface(interface):
+    controller = Operators(TASK, glove_noise=0.004)(interface)
+    envs = environments(2)
+    both = act(controller, envs, [7, 8], 6)
+    alone = [act(controller, [env], [seed], 6)[:, 0] for env, seed in zip(envs, (7, 8), strict=True)]
+    np.testing.assert_allclose(both[:, 0], alone[0], atol=1e-9)
+    np.testing.assert_allclose(both[:, 1], alone[1], atol=1e-9)
+    again = act(controller, envs, [7, 8], 6)
+    np.testing.assert_array_equal(both, again)
+
+
+def test_the_glove_shakes_the_hand_by_its_noise_and_not_the_arm():
+    envs = environments(1)
+    steady, shaken = (act(Operators(TASK, glove_noise=n)("raw"), envs, [7], 12)[:, 0] for n in (0.0, 0.004))
+    # The arm follows the expert, which sees the shaken hand's object only after the grasp.
+    np.testing.assert_allclose(shaken[:, :7], steady[:, :7], atol=1e-9)
+    tips = [[fingertips_of(action[7:]) for action in actions] for actions in (steady, shaken)]
+    errors = np.abs(np.subtract(*tips))
+    assert 0.002 < errors.max() < 0.005
+
+
+def test_an_expert_that_is_done_keeps_its_last_command(monkeypatch):
+    def brief(env, rng):
+        for k in range(2):
+            joints = env.command + 0.01 * (k + 1)
+            yield Command(joints, fingertips_of(joints[7:]), joints)
+
+    monkeypatch.setattr(operators, "make_expert", lambda task: brief)
+    actions = act(Operators(TASK)("raw"), environments(1), [7], 4)[:, 0]
+    assert np.abs(actions[1] - actions[0]).max() > 1e-3
+    np.testing.assert_allclose(actions[2:, :7], actions[[1, 1], :7], atol=1e-12)
+    np.testing.assert_allclose(actions[2:, 7:], actions[[1, 1], 7:], atol=5e-3)
+
+
+def test_settings_are_checked_and_decide_the_identity(controller_folder):
+    plain = Operators(TASK).identity(["raw", "filter"])
+    assert set(plain) == {"operator", "glove_noise"}
+    learned = Operators(TASK, 0.004, str(controller_folder)).identity(["raw", "dexflex"])
+    assert learned["glove_noise"] == "0.004"
+    assert learned["operator"] == plain["operator"]
+    assert "controller.dexflex" in learned
+    with pytest.raises(DexFlexError, match=r"one that reads drafts: raw, .* Got 'joint': an operator"):
+        Operators(TASK).identity(["raw", "joint"])
+    with pytest.raises(DexFlexError, match="No expert for task 'Reach-v0'"):
+        Operators("Reach-v0").identity(["raw"])
+    with pytest.raises(DexFlexError, match=r"`glove_noise` must be 0 or more \[m\]. Got -1"):
+        Operators(TASK, -1).identity(["raw"])
