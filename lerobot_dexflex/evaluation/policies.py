@@ -19,7 +19,7 @@ from lerobot_dexflex.evaluation.provenance import checkpoint_digest
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
 from lerobot_dexflex.hand.model import HAND_JOINTS
 from lerobot_dexflex.interfaces import Interface, interface_entry
-from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
+from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
 from lerobot_dexflex.interfaces.explanation import Explanation
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
@@ -117,8 +117,7 @@ def controller_digests(interfaces: Sequence[str], controller: str) -> dict[str, 
     """Return the content hashes of the controllers that the interfaces need."""
     learned = [name for name in interfaces if interface_entry(name).learned]
     return {
-        f"controller.{name}": controller_digest(find_controller(controller, FILES[name]), name)
-        for name in learned
+        f"controller.{name}": controller_digest(controller_of(name, controller), name) for name in learned
     }
 
 
@@ -180,7 +179,7 @@ def load_checkpoint(
     register_third_party_plugins()
     overrides = [f"--interface={interface}", f"--device={device}"]
     if interface_entry(interface).learned:
-        overrides.append(f"--controller={find_controller(controller, FILES[interface])}")
+        overrides.append(f"--controller={controller_of(interface, controller)}")
     config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
     config.pretrained_path = checkpoint
     with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.

@@ -39,10 +39,19 @@ def find_controller(where: str | Path | None, files: Sequence[str] = DEXFLEX_FIL
     return folder
 
 
+def controller_of(interface: str, where: str | Path | None) -> Path:
+    """Return the folder of a learned interface's controller; see `find_controller`."""
+    return find_controller(where, _files(interface))
+
+
+def _files(interface: str) -> tuple[str, ...]:
+    return FILES[interface.partition("@")[0]]
+
+
 def controller_digest(folder: Path, interface: str) -> str:
     """Return a digest of what decides a learned interface's behaviour in a controller's folder."""
     digest = hashlib.sha256()
-    for name in FILES[interface]:
+    for name in _files(interface):
         digest.update(name.encode() + b"\0" + (folder / name).read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 

@@ -1,4 +1,7 @@
-"""All action interfaces by name; a module is imported when its interface is made."""
+"""All action interfaces by name; a module is imported when its interface is made.
+
+`NAME@GAIN`, as in `dexgen@0.4`, executes that share of what the interface would (`GainInterface`).
+"""
 
 import importlib
 from typing import Any, NamedTuple
@@ -36,25 +39,49 @@ INTERFACES: dict[str, InterfaceEntry] = {
 
 
 def interface_entry(name: str) -> InterfaceEntry:
-    """Return an interface's entry.
+    """Return the entry of an interface, `NAME` or `NAME@GAIN`.
 
     Raises:
-        DexFlexError: If there is no such interface.
+        DexFlexError: If there is no such interface, or it has no displacement that could be scaled.
     """
-    if name not in INTERFACES:
-        raise DexFlexError(f"Unknown interface {name!r}. Valid interfaces: {', '.join(INTERFACES)}.")
-    return INTERFACES[name]
+    plain, gain = _split(name)
+    if plain not in INTERFACES:
+        raise DexFlexError(f"Unknown interface {plain!r}. Valid interfaces: {', '.join(INTERFACES)}.")
+    if gain is not None and INTERFACES[plain].command_space != "draft":
+        raise DexFlexError(f"Only displacements can be scaled; {plain!r} executes joint targets.")
+    return INTERFACES[plain]
 
 
 def make_interface(name: str, **options: Any) -> Interface:
     """Build an interface by name.
 
     Args:
-        name: A key of `INTERFACES`.
+        name: A key of `INTERFACES`, `@` and a gain in (0, 1] appended or not.
         **options: Arguments of the interface's class; learned ones take `controller`.
 
     Raises:
         DexFlexError: If there is no such interface, or no controller where one is needed.
     """
-    entry = interface_entry(name)
-    return getattr(importlib.import_module(f"{_HERE}.{entry.module}"), entry.class_name)(**options)
+    entry, gain = interface_entry(name), _split(name)[1]
+    interface = getattr(importlib.import_module(f"{_HERE}.{entry.module}"), entry.class_name)(**options)
+    if gain is None:
+        return interface
+    return importlib.import_module(f"{_HERE}.gain").GainInterface(interface, gain)
+
+
+def _split(name: str) -> tuple[str, float | None]:
+    """Return an interface's plain name and its gain.
+
+    Raises:
+        DexFlexError: If the gain is none.
+    """
+    plain, at, word = name.partition("@")
+    if not at:
+        return plain, None
+    try:
+        gain = float(word)
+    except ValueError:
+        gain = 0.0
+    if not 0 < gain <= 1:
+        raise DexFlexError(f"An interface's gain must be in (0, 1], as in {plain}@0.4. Got {name!r}.")
+    return plain, gain

@@ -7,7 +7,7 @@ from typing import Any
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces import interface_entry
-from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
+from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
 from lerobot_dexflex.recording.operation import checked_interface
 
 LARGEST_NOISE = 0.02
@@ -97,7 +97,7 @@ class RecordConfig:
         """
         if not interface_entry(self.interface).learned:
             return ""
-        return controller_digest(find_controller(self.controller, FILES[self.interface]), self.interface)
+        return controller_digest(controller_of(self.interface, self.controller), self.interface)
 
     @property
     def attempt_limit(self) -> int:

@@ -12,7 +12,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.model import ARM_JOINTS
 from lerobot_dexflex.interfaces import DRAFT_HORIZON, INTERFACES, Interface, interface_entry, make_interface
-from lerobot_dexflex.interfaces.controller_folder import FILES, find_controller
+from lerobot_dexflex.interfaces.controller_folder import controller_of
 
 _ARM = len(ARM_JOINTS)
 
@@ -77,5 +77,5 @@ def checked_interface(name: str) -> str:
 def load_interface(name: str, controller: str) -> Interface:
     """Return an interface, with the controller it needs; an empty one is the shipped one."""
     if interface_entry(name).learned:
-        return make_interface(name, controller=find_controller(controller, FILES[name]))
+        return make_interface(name, controller=controller_of(name, controller))
     return make_interface(name)

@@ -3,7 +3,8 @@
 from draccus.utils import ParsingError
 from lerobot.configs import NormalizationMode
 
-from lerobot_dexflex.interfaces import INTERFACES
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.interfaces import interface_entry
 
 
 def check_interface(name: str) -> None:
@@ -12,8 +13,10 @@ def check_interface(name: str) -> None:
     Raises:
         ParsingError: draccus hides the message of any ValueError from a configuration, but not this one.
     """
-    if name not in INTERFACES:
-        raise ParsingError(f"Unknown interface {name!r}. Valid --policy.interface: {', '.join(INTERFACES)}.")
+    try:
+        interface_entry(name)
+    except DexFlexError as error:
+        raise ParsingError(f"--policy.interface: {error}") from error
 
 
 def no_normalization() -> dict[str, NormalizationMode]:

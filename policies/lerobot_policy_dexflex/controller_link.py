@@ -4,7 +4,7 @@ import warnings
 from typing import Protocol
 
 from lerobot_dexflex.interfaces import Interface, interface_entry, make_interface
-from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
+from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
 
 
 class LinkConfig(Protocol):
@@ -26,7 +26,7 @@ def link_interface(config: LinkConfig) -> Interface:
     name = config.interface
     if not interface_entry(name).learned:
         return make_interface(name)
-    folder = find_controller(config.controller, FILES[name])
+    folder = controller_of(name, config.controller)
     found, saved = f"{name}:{controller_digest(folder, name)}", config.controller_digest
     if saved.startswith(f"{name}:") and saved != found:
         warnings.warn(

@@ -81,10 +81,10 @@ class Method:
         if not self.learned:
             names = ("protocol", "commanded_hand", "raw", "gain", "raw" if self.base == CLEAN else self.base)
             return code_digest(sorted({f"interfaces/{name}.py" for name in names}), policies=False)
-        from lerobot_dexflex.interfaces.controller_folder import FILES, controller_digest, find_controller
+        from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
 
         kind = "dexgen" if self.base == "dexgen" else "dexflex"
-        weights = controller_digest(find_controller(controller, FILES[kind]), kind)
+        weights = controller_digest(controller_of(kind, controller), kind)
         code = ("interfaces", "controller", *(("evaluation/degraded/oracle.py",) * (self.base == ORACLE)))
         return f"{code_digest(code, policies=False)}.{weights}"
 
