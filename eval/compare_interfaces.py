@@ -38,6 +38,12 @@ def parser() -> argparse.ArgumentParser:
         help="heavy, slippery, pushed, late_touch, miscalibrated; default none",
     )
     add("--command-noise", type=float, default=0.0, help="half width of noise on planned fingertips [m]")
+    add(
+        "--command-removal",
+        type=float,
+        default=0.0,
+        help="now and then the most loaded finger is sent off the object, so fast [m per step]",
+    )
     add("--joint-policy", type=Path, help="folder pretrained_model; default: the shipped checkpoint")
     add("--draft-policy", type=Path, help="the same for all interfaces that read drafts")
     add(
@@ -93,6 +99,7 @@ def build(options: argparse.Namespace) -> Any:
     Raises:
         DexFlexError: If the task, an interface or a checkpoint does not exist or does not fit.
     """
+    from lerobot_dexflex.evaluation.command_errors import CommandErrors
     from lerobot_dexflex.evaluation.comparison import Comparison
     from lerobot_dexflex.evaluation.operators import Operators
     from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies
@@ -106,14 +113,16 @@ def build(options: argparse.Namespace) -> Any:
     if options.workers < 0:
         raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")
     chosen = (options.joint_policy, options.draft_policy, options.backbone, options.policy)
-    if options.operator and any((*chosen, options.command_noise)):
+    if options.operator and any((*chosen, options.command_noise, options.command_removal)):
         raise DexFlexError("--operator takes the place of every policy: give --glove-noise only.")
     if options.glove_noise is not None and not options.operator:
-        raise DexFlexError("--glove-noise needs --operator; for policies there is --command-noise.")
+        raise DexFlexError(
+            "--glove-noise needs --operator; policies have --command-noise and --command-removal."
+        )
     shared = {
         "device": options.device,
         "controller": options.controller,
-        "command_noise": options.command_noise,
+        "errors": CommandErrors(options.command_noise, options.command_removal),
     }
     if options.operator:
         policies = Operators(options.task, options.glove_noise or 0.0, options.controller)

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.command_errors import CommandErrors, PlanNoise, SupportRemoval
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.evaluation.provenance import checkpoint_digest
-from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
-from lerobot_dexflex.hand.model import HAND_JOINTS
 from lerobot_dexflex.interfaces import Interface, interface_entry
 from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
 from lerobot_dexflex.interfaces.explanation import Explanation
 from lerobot_dexflex.interfaces.protocol import CommandSpace
+
+NO_ERRORS = CommandErrors()
 
 
 @dataclass(frozen=True)
@@ -35,15 +36,15 @@ class LeRobotPolicies:
     device: str = "cpu"
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
-    command_noise: float = 0.0
-    """Half width of uniform noise on planned fingertips [m]; see `LeRobotController`."""
+    errors: CommandErrors = NO_ERRORS
+    """What goes wrong with the plans on their way to the interface."""
     own: tuple[tuple[str, Path], ...] = ()
     """Interfaces with a checkpoint of their own, e.g. trained on demonstrations recorded through them."""
 
     def __call__(self, interface: str) -> "LeRobotController":
         """Load the checkpoint that fits the interface."""
         folder = self.checkpoint(interface)
-        return load_checkpoint(folder, interface, self.device, self.controller, self.command_noise)
+        return load_checkpoint(folder, interface, self.device, self.controller, self.errors)
 
     def checkpoint(self, interface: str) -> Path:
         """Return the checkpoint folder of an interface."""
@@ -72,7 +73,7 @@ class LeRobotPolicies:
         return {
             **found,
             **controller_digests(interfaces, self.controller),
-            **_noise(self.command_noise),
+            **self.errors.identity(),
             "device": self.device,
         }
 
@@ -86,12 +87,12 @@ class AdaptedPolicies:
     device: str = "cpu"
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
-    command_noise: float = 0.0
-    """Half width of uniform noise on planned fingertips [m]; see `LeRobotController`."""
+    errors: CommandErrors = NO_ERRORS
+    """What goes wrong with the plans on their way to the interface."""
 
     def __call__(self, interface: str) -> "LeRobotController":
         """Put the interface under the policy."""
-        return load_adapter(self.backbone, interface, self.device, self.controller, self.command_noise)
+        return load_adapter(self.backbone, interface, self.device, self.controller, self.errors)
 
     def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
         """Check that the checkpoint is there; returns content hashes and the device.
@@ -108,7 +109,7 @@ class AdaptedPolicies:
         return {
             "backbone": checkpoint_digest(self.backbone),
             **controller_digests(interfaces, self.controller),
-            **_noise(self.command_noise),
+            **self.errors.identity(),
             "device": self.device,
         }
 
@@ -119,17 +120,6 @@ def controller_digests(interfaces: Sequence[str], controller: str) -> dict[str, 
     return {
         f"controller.{name}": controller_digest(controller_of(name, controller), name) for name in learned
     }
-
-
-def _noise(width: float) -> dict[str, str]:
-    """Return the noise on planned fingertips [m], if there is any.
-
-    Raises:
-        DexFlexError: If it is negative or no number.
-    """
-    if not width >= 0:
-        raise DexFlexError(f"`command_noise` must be 0 or more [m]. Got {width}.")
-    return {"command_noise": str(width)} if width else {}
 
 
 def _missing_files(folder: Path) -> list[str]:
@@ -160,7 +150,7 @@ def check_checkpoint(folder: Path, space: CommandSpace) -> None:
 
 
 def load_checkpoint(
-    checkpoint: Path, interface: str, device: str, controller: str = "", command_noise: float = 0.0
+    checkpoint: Path, interface: str, device: str, controller: str = "", errors: CommandErrors = NO_ERRORS
 ) -> "LeRobotController":
     """Load a policy of our own.
 
@@ -169,7 +159,7 @@ def load_checkpoint(
         interface: Overrides the checkpoint's interface.
         device: Torch device.
         controller: Overrides the checkpoint's controller; empty is the shipped one.
-        command_noise: See `LeRobotController`.
+        errors: See `LeRobotController`.
     """
     # LeRobot takes seconds to import; only workers pay.
     from lerobot.configs import PreTrainedConfig
@@ -187,11 +177,11 @@ def load_checkpoint(
     processors = make_pre_post_processors(
         config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
     )
-    return LeRobotController(policy.eval(), *processors, command_noise)
+    return LeRobotController(policy.eval(), *processors, errors)
 
 
 def load_adapter(
-    backbone: Path, interface: str, device: str, controller: str = "", command_noise: float = 0.0
+    backbone: Path, interface: str, device: str, controller: str = "", errors: CommandErrors = NO_ERRORS
 ) -> "LeRobotController":
     """Put an interface under another policy; arguments as for `load_checkpoint`."""
     from lerobot.configs import PreTrainedConfig
@@ -208,7 +198,7 @@ def load_adapter(
     config.input_features = PreTrainedConfig.from_pretrained(backbone).input_features
     with contextlib.redirect_stdout(io.StringIO()):
         policy = DexflexAdapterPolicy(config)
-    return LeRobotController(policy.eval(), *make_pre_post_processors(config), command_noise)
+    return LeRobotController(policy.eval(), *make_pre_post_processors(config), errors)
 
 
 class LeRobotController:
@@ -218,20 +208,23 @@ class LeRobotController:
         policy: A policy with an interface.
         preprocess: LeRobot's pipeline before it.
         postprocess: LeRobot's pipeline after it.
-        command_noise: Half width of uniform noise on planned fingertips [m]. It belongs to the control step
-            and not to the plan: a step that is planned twice has the same error in both. Planned joints are
-            moved so that their fingertips are off by as much, by the inverse kinematics of `raw`.
+        errors: What goes wrong with its plans.
     """
 
-    def __init__(self, policy: Any, preprocess: Any, postprocess: Any, command_noise: float = 0.0) -> None:
+    def __init__(
+        self, policy: Any, preprocess: Any, postprocess: Any, errors: CommandErrors = NO_ERRORS
+    ) -> None:
         self._policy, self._preprocess, self._postprocess = policy, preprocess, postprocess
-        self._observer = ObservedInterface(policy.execution.interface)
-        policy.execution.interface = self._observer
+        execution = policy.execution
+        self._observer = ObservedInterface(execution.interface)
+        self._removal = SupportRemoval(self._observer, errors.removal) if errors.removal else None
+        execution.interface = self._removal or self._observer
+        self._noise = PlanNoise(errors.noise, self._observer.command_space) if errors.noise else None
         self._generators: list[torch.Generator] = []
         self._step = 0
-        if command_noise:
-            begin = policy.execution.begin
-            policy.execution.begin = lambda chunk: begin(self._disturbed(chunk, command_noise))
+        if noise := self._noise:
+            begin = execution.begin
+            execution.begin = lambda chunk: begin(noise.disturbed(chunk, self._step))
 
     @property
     def motion(self) -> Motion | None:
@@ -243,8 +236,10 @@ class LeRobotController:
         torch.manual_seed(seeds[0])  # For a policy under the adapter that samples: it draws its own noise.
         self._policy.reset()
         self._generators = [torch.Generator().manual_seed(seed) for seed in seeds]
-        self._rngs = [np.random.default_rng(seed) for seed in seeds]
-        self._drawn: list[NDArray[np.float64]] = []
+        if self._noise:
+            self._noise.reset(seeds)
+        if self._removal:
+            self._removal.begin(seeds)
         self._step = 0
 
     @torch.inference_mode()
@@ -254,26 +249,11 @@ class LeRobotController:
 
         batch = preprocess_observation(observation)
         batch["task"] = [task] * len(self._generators)  # pyright: ignore[reportArgumentType]
-        action = self._policy.select_action(self._preprocess(batch), **self._noise())
+        action = self._policy.select_action(self._preprocess(batch), **self._start())
         self._step += 1
         return self._postprocess(action).to("cpu").numpy()
 
-    def _disturbed(self, chunk: Tensor, width: float) -> Tensor:
-        """Return a plan with errors of up to `width` [m] on its fingertips; the arm is as planned."""
-        while len(self._drawn) < self._step + chunk.shape[1]:
-            self._drawn.append(np.stack([rng.uniform(-1, 1, (4, 3)) for rng in self._rngs]))
-        drawn = np.stack(self._drawn[self._step : self._step + chunk.shape[1]], axis=1)
-        errors = width * torch.from_numpy(drawn)  # (batch, steps, 4, 3)
-        columns = len(HAND_JOINTS) if self._observer.command_space == "joint" else errors[0, 0].numel()
-        arm, hand = chunk[..., :-columns], chunk[..., -columns:].double()
-        if self._observer.command_space == "joint":
-            joints = hand.flatten(0, 1)
-            moved = solve_fingertips(fingertips(joints) + errors.flatten(0, 1), joints)
-        else:
-            moved = hand + errors.flatten(2)
-        return torch.cat([arm, moved.view_as(hand).to(chunk)], -1)
-
-    def _noise(self) -> dict[str, Tensor]:
+    def _start(self) -> dict[str, Tensor]:
         """Draw a chunk of noise per episode in every step, so that step k sees the same in all interfaces."""
         if self._policy.name != "dexflex_flow":
             return {}

@@ -15,7 +15,10 @@ from typing import Any
 from lerobot_dexflex.recording.provenance import commit
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_DECISIVE = ("hand", "envs", "controller", "interfaces", "evaluation/rollout.py", "evaluation/outcome.py")
+_DECISIVE = (
+    *("hand", "envs", "controller", "interfaces", "commands/corruption.py"),
+    *(f"evaluation/{name}.py" for name in ("rollout", "outcome", "command_errors")),
+)
 """Parts of the library that decide what happens in an episode, beside the policy plugin."""
 _PLUGIN = "lerobot_policy_dexflex"
 _VERSIONS = ("lerobot", "mujoco", "numpy", "torch")

@@ -10,6 +10,7 @@ from lerobot.envs.utils import env_to_policy_features
 from lerobot.policies.factory import make_pre_post_processors
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.command_errors import CommandErrors
 from lerobot_dexflex.evaluation.policies import LeRobotPolicies, ObservedInterface
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces import make_interface
@@ -169,7 +170,7 @@ def test_a_missing_checkpoint_says_how_to_train_it(policies, tmp_path):
 def test_noise_on_fingertips_belongs_to_the_control_step_and_spares_the_arm(policies):
     seen = []
     for width in (0.0, 0.004):
-        seen.append(seen_chunks(replace(policies, command_noise=width)("raw"), [5]))
+        seen.append(seen_chunks(replace(policies, errors=CommandErrors(noise=width))("raw"), [5]))
     clean, noisy = seen
     first, second = (noisy - clean)[:, 0]  # Planned at steps 0 and 8.
     assert (first[:, :7] == 0).all()
@@ -197,9 +198,9 @@ def test_noise_moves_the_fingertips_of_planned_joints_as_those_of_drafts(policie
     draft = torch.cat([joints[..., :7], fingertips(joints[0, :, 7:]).view(1, 16, 12)], -1)
     changes = []
     for interface, plan in (("raw", draft), ("joint", joints)):
-        controller = replace(policies, command_noise=0.004)(interface)
+        controller = replace(policies, errors=CommandErrors(noise=0.004))(interface)
         controller.reset([5])
-        noisy = controller._disturbed(plan, 0.004)[0]
+        noisy = controller._noise.disturbed(plan, 0)[0]
         assert torch.equal(noisy[:, :7], plan[0, :, :7])
         tips = noisy[:, 7:].view(-1, 4, 3) if interface == "raw" else fingertips(noisy[:, 7:])
         changes.append((tips - fingertips(joints[0, :, 7:])).flatten())
@@ -210,7 +211,10 @@ def test_noise_moves_the_fingertips_of_planned_joints_as_those_of_drafts(policie
 
 
 def test_noise_is_part_of_the_settings_and_must_be_a_width(policies):
-    assert replace(policies, command_noise=0.004).identity(["joint", "raw"])["command_noise"] == "0.004"
+    assert (
+        replace(policies, errors=CommandErrors(noise=0.004)).identity(["joint", "raw"])["command_noise"]
+        == "0.004"
+    )
     assert "command_noise" not in policies.identity(["raw"])
     with pytest.raises(DexFlexError, match=r"0 or more \[m\]. Got nan"):
-        replace(policies, command_noise=float("nan")).identity(["raw"])
+        replace(policies, errors=CommandErrors(noise=float("nan"))).identity(["raw"])
