@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
         default="none",
         help="heavy, slippery, pushed, late_touch, miscalibrated; default none",
     )
-    add("--command-noise", type=float, default=0.0, help="half width of noise on planned fingertips [m]")
+    add("--command-noise", type=float, default=0.0, help="half width of noise on commanded fingertips [m]")
     add(
         "--command-removal",
         type=float,
@@ -60,7 +60,6 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="no policy: the scripted, privileged expert teleoperates the hand through the interfaces",
     )
-    add("--glove-noise", type=float, help="half width of the jitter of the operator's glove [m]; default 0")
     add("--device", default="cpu", help="torch device of the policies; default cpu")
     add("--workers", type=int, default=2, help="worker processes; does not change results; default 2")
     add("--batch-size", type=int, default=1, help="episodes in lock-step per worker; default 1")
@@ -99,10 +98,7 @@ def build(options: argparse.Namespace) -> Any:
     Raises:
         DexFlexError: If the task, an interface or a checkpoint does not exist or does not fit.
     """
-    from lerobot_dexflex.evaluation.command_errors import CommandErrors
     from lerobot_dexflex.evaluation.comparison import Comparison
-    from lerobot_dexflex.evaluation.operators import Operators
-    from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies
     from lerobot_dexflex.evaluation.provenance import identity_digest
     from lerobot_dexflex.interfaces import interface_entry
 
@@ -112,35 +108,11 @@ def build(options: argparse.Namespace) -> Any:
         interface_entry(name)
     if options.workers < 0:
         raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")
-    chosen = (options.joint_policy, options.draft_policy, options.backbone, options.policy)
-    if options.operator and any((*chosen, options.command_noise, options.command_removal)):
-        raise DexFlexError("--operator takes the place of every policy: give --glove-noise only.")
-    if options.glove_noise is not None and not options.operator:
-        raise DexFlexError(
-            "--glove-noise needs --operator; policies have --command-noise and --command-removal."
-        )
-    shared = {
-        "device": options.device,
-        "controller": options.controller,
-        "errors": CommandErrors(options.command_noise, options.command_removal),
-    }
-    if options.operator:
-        policies = Operators(options.task, options.glove_noise or 0.0, options.controller)
-    elif options.backbone is None:
-        joint = options.joint_policy or shipped(options.task, "joint")
-        draft = options.draft_policy or shipped(options.task, "draft")
-        policies = LeRobotPolicies(joint, draft, own=own_policies(options.policy), **shared)
-    elif options.joint_policy or options.draft_policy or options.policy:
-        raise DexFlexError(
-            "Give --backbone, which serves all interfaces, or --joint-policy, --draft-policy and --policy."
-        )
-    else:
-        policies = AdaptedPolicies(options.backbone, **shared)
     episodes, videos = (DEMO_EPISODES, DEMO_VIDEOS) if options.demo else (100, 4)
     comparison = Comparison(
         env_id=f"{NAMESPACE}/{options.task}",
         interfaces=tuple(options.interfaces),
-        policies=policies,
+        policies=commander(options),
         output=options.output or Path(),
         episodes=episodes if options.episodes is None else options.episodes,
         seed=options.seed,
@@ -153,6 +125,37 @@ def build(options: argparse.Namespace) -> Any:
         name = f"{options.task}-{identity_digest(comparison.identity())}"
         comparison = dataclasses.replace(comparison, output=Path("outputs/compare") / name)
     return comparison
+
+
+def commander(options: argparse.Namespace) -> Any:
+    """Return who commands the interfaces: our policies, any policy of LeRobot, or the scripted operator.
+
+    Raises:
+        DexFlexError: If more than one is asked for.
+    """
+    from lerobot_dexflex.evaluation.command_errors import CommandErrors
+    from lerobot_dexflex.evaluation.operators import Operators
+    from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies
+
+    errors = CommandErrors(options.command_noise, options.command_removal)
+    ours = any((options.joint_policy, options.draft_policy, options.policy))
+    if ours + (options.backbone is not None) + options.operator > 1:
+        raise DexFlexError(
+            "Give one of --operator, --backbone, which serves all interfaces, or --joint-policy, "
+            "--draft-policy and --policy."
+        )
+    if options.operator:
+        return Operators(options.task, options.controller, errors)
+    if options.backbone is not None:
+        return AdaptedPolicies(options.backbone, options.device, options.controller, errors)
+    return LeRobotPolicies(
+        joint=options.joint_policy or shipped(options.task, "joint"),
+        draft=options.draft_policy or shipped(options.task, "draft"),
+        device=options.device,
+        controller=options.controller,
+        errors=errors,
+        own=own_policies(options.policy),
+    )
 
 
 def own_policies(words: list[str]) -> tuple[tuple[str, Path], ...]:

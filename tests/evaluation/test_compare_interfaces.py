@@ -28,10 +28,15 @@ def script(load_script):
         (["--policy", "telepathy=x"], "Unknown interface 'telepathy'"),
         (["--policy", "raw=x", "--policy", "raw=y"], "`--policy` is given twice for raw: x and y"),
         (["--policy", "raw=/nowhere"], "No draft checkpoint at /nowhere"),
-        (["--backbone", "x", "--policy", "raw=y"], "Give --backbone, which serves all interfaces, or"),
-        (["--operator", "--policy", "raw=y"], "--operator takes the place of every policy"),
+        (["--backbone", "x", "--policy", "raw=y"], "Give one of --operator, --backbone, which serves all"),
+        (["--operator", "--policy", "raw=y"], "Give one of --operator, --backbone"),
         (["--operator", "--interfaces", "joint"], "one that reads drafts: raw, filter"),
-        (["--glove-noise", "0.004"], "--glove-noise needs --operator"),
+        (["--command-removal", "-1"], "`command_removal` must be 0 or more [m]. Got -1.0"),
+        (
+            ["--interfaces", "dexgen@4"],
+            "An interface's gain must be in (0, 1], as in dexgen@0.4. Got 'dexgen@4'",
+        ),
+        (["--interfaces", "joint@0.5"], "Only displacements can be scaled; 'joint' executes joint targets."),
         (["--disturbance", "windy"], "Unknown disturbance 'windy'. Valid: none, heavy"),
     ],
 )

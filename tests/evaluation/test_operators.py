@@ -4,6 +4,7 @@ import pytest
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation import operators
+from lerobot_dexflex.evaluation.command_errors import CommandErrors
 from lerobot_dexflex.evaluation.operators import Operators
 from lerobot_dexflex.evaluation.rollout import run_group
 from lerobot_dexflex.experts import make_expert
@@ -41,7 +42,7 @@ def test_without_a_glove_raw_passes_on_what_the_expert_does():
     (env,) = environments(1)
     actions = act(Operators(TASK)("raw"), [env], [7], 60)[:, 0]
     env.reset(seed=7)
-    commands = make_expert(TASK)(env.unwrapped, np.random.default_rng((7, 1)))
+    commands = make_expert(TASK)(env.unwrapped, np.random.default_rng((7, 2)))
     for action in actions:
         command = next(commands)
         np.testing.assert_allclose(action, command.executed, atol=1e-6)
@@ -58,7 +59,7 @@ def test_an_operator_without_a_glove_solves_its_task_and_its_motion_is_told():
 
 @pytest.mark.parametrize("interface", ["raw", "filter"])
 def test_rows_have_their_own_glove_and_interface(interface):
-    controller = Operators(TASK, glove_noise=0.004)(interface)
+    controller = Operators(TASK, errors=CommandErrors(noise=0.004))(interface)
     envs = environments(2)
     both = act(controller, envs, [7, 8], 6)
     alone = [act(controller, [env], [seed], 6)[:, 0] for env, seed in zip(envs, (7, 8), strict=True)]
@@ -70,7 +71,9 @@ def test_rows_have_their_own_glove_and_interface(interface):
 
 def test_the_glove_shakes_the_hand_by_its_noise_and_not_the_arm():
     envs = environments(1)
-    steady, shaken = (act(Operators(TASK, glove_noise=n)("raw"), envs, [7], 12)[:, 0] for n in (0.0, 0.004))
+    steady, shaken = (
+        act(Operators(TASK, errors=CommandErrors(noise=n))("raw"), envs, [7], 12)[:, 0] for n in (0.0, 0.004)
+    )
     # The arm follows the expert, which sees the shaken hand's object only after the grasp.
     np.testing.assert_allclose(shaken[:, :7], steady[:, :7], atol=1e-9)
     tips = [[fingertips_of(action[7:]) for action in actions] for actions in (steady, shaken)]
@@ -93,14 +96,15 @@ def test_an_expert_that_is_done_keeps_its_last_command(monkeypatch):
 
 def test_settings_are_checked_and_decide_the_identity(controller_folder):
     plain = Operators(TASK).identity(["raw", "filter"])
-    assert set(plain) == {"operator", "glove_noise"}
-    learned = Operators(TASK, 0.004, str(controller_folder)).identity(["raw", "dexflex"])
-    assert learned["glove_noise"] == "0.004"
+    assert set(plain) == {"operator"}
+    errors = CommandErrors(noise=0.004)
+    learned = Operators(TASK, str(controller_folder), errors).identity(["raw", "dexflex"])
+    assert learned["command_noise"] == "0.004"
     assert learned["operator"] == plain["operator"]
     assert "controller.dexflex" in learned
     with pytest.raises(DexFlexError, match=r"one that reads drafts: raw, .* Got 'joint': an operator"):
         Operators(TASK).identity(["raw", "joint"])
     with pytest.raises(DexFlexError, match="No expert for task 'Reach-v0'"):
         Operators("Reach-v0").identity(["raw"])
-    with pytest.raises(DexFlexError, match=r"`glove_noise` must be 0 or more \[m\]. Got -1"):
-        Operators(TASK, -1).identity(["raw"])
+    with pytest.raises(DexFlexError, match=r"`command_noise` must be 0 or more \[m\]. Got -1"):
+        Operators(TASK, errors=CommandErrors(noise=-1)).identity(["raw"])
