@@ -11,7 +11,7 @@ SHIPPED = Path(__file__).resolve().parents[2] / "policies/checkpoints/controller
 """Where the repository keeps its own controller."""
 DEXFLEX_FILES = ("config.json", "model.safetensors")
 DEXGEN_FILES = (*DEXFLEX_FILES, "dexgen.safetensors")
-FILES = {"dexflex": DEXFLEX_FILES, "dexgen": DEXGEN_FILES}
+FILES = {"dexflex": DEXFLEX_FILES, "dexflex-notouch": DEXFLEX_FILES, "dexgen": DEXGEN_FILES}
 """Files of a controller's folder that decide what an interface does."""
 _HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
 _TRAIN = "dexflex-train --config=configs/controller/leap.yaml"

@@ -1,5 +1,6 @@
 """Draft, dream, select: execute what the controller foresees to keep contact and still follow the draft."""
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -115,3 +116,16 @@ class DexFlexInterface(LearnedInterface):
             grasp_loss=dream.grasp_loss[rows, best],
             draft_grasp_loss=raw_dream.grasp_loss[:, 0],
         )
+
+
+class DexFlexWithoutTouch(DexFlexInterface):
+    """The same controller with its touch hidden, to see what touch is worth. Satisfies `Interface`."""
+
+    name: str = "dexflex-notouch"
+
+    def __init__(
+        self,
+        controller: DexFlexController | str | Path | None = None,
+        settings: SelectionSettings | None = None,
+    ) -> None:
+        super().__init__(controller, dataclasses.replace(settings or SelectionSettings(), use_touch=False))

@@ -35,6 +35,7 @@ INTERFACES: dict[str, InterfaceEntry] = {
     "reflex": InterfaceEntry("reflex", "ReflexInterface", "draft"),
     "dexgen": InterfaceEntry("dexgen", "DexGenInterface", "draft", learned=True),
     "dexflex": InterfaceEntry("dexflex", "DexFlexInterface", "draft", learned=True),
+    "dexflex-notouch": InterfaceEntry("dexflex", "DexFlexWithoutTouch", "draft", learned=True),
 }
 
 

@@ -3,7 +3,7 @@ import sys
 
 import pytest
 import torch
-from interface_cases import STATE, drafts, hand_poses, observation, row
+from interface_cases import STATE, TACTILE, drafts, hand_poses, observation, row
 
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.errors import DexFlexError
@@ -215,3 +215,35 @@ def test_an_unknown_interface_is_refused_with_the_valid_names():
 def test_filter_refuses_senseless_constants(smoothing, clip):
     with pytest.raises(ValueError, match="must be"):
         FilterInterface(smoothing, clip)
+
+
+def test_a_gain_scales_what_an_interface_displaces(make):
+    state, draft = observation(2), drafts("raw", 2)
+    whole, part = make("filter"), make_interface("filter@0.4")
+    assert part.name == "filter@0.4"
+    moved = []
+    for interface in (whole, part):
+        start = interface.start(state)
+        interface.step(state, draft)
+        assert interface.command is not None
+        moved.append(interface.command - start)
+    torch.testing.assert_close(moved[1], 0.4 * moved[0])
+
+
+@pytest.mark.parametrize("name", ["raw@0", "raw@1.5", "raw@", "raw@fast"])
+def test_a_gain_that_is_none_is_refused(name):
+    with pytest.raises(DexFlexError, match=r"gain must be in \(0, 1\], as in raw@0.4. Got 'raw@"):
+        make_interface(name)
+
+
+def test_joint_targets_have_no_gain():
+    with pytest.raises(DexFlexError, match="'joint' executes joint targets"):
+        make_interface("joint@0.5")
+
+
+def test_without_touch_nothing_depends_on_it(make):
+    state, draft = observation(2), drafts("raw", 2)
+    numb = {**state, TACTILE: 5 * state[TACTILE]}
+    for name, same in (("dexflex", False), ("dexflex-notouch", True)):
+        targets = [make(name).step(seen, draft) for seen in (state, numb)]
+        assert torch.equal(*targets) == same, name
