@@ -64,7 +64,7 @@ class OperatorController:
         self._seeds: Sequence[int] = ()
         self._commands: list[Iterator[Command]] = []
         self._hands: list[OperatedHand] = []
-        self._last: list[Command] = []
+        self._last: dict[int, Command] = {}
 
     @property
     def motion(self) -> Motion | None:
@@ -76,7 +76,7 @@ class OperatorController:
 
     def reset(self, seeds: Sequence[int]) -> None:
         """Start one episode per seed."""
-        self._seeds, self._commands, self._hands, self._last = seeds, [], [], []
+        self._seeds, self._commands, self._hands, self._last = seeds, [], [], {}
         while len(self._observers) < len(seeds):
             self._observers.append(ObservedInterface(load_interface(self._name, self._operators.controller)))
 
@@ -97,8 +97,7 @@ class OperatorController:
         del task
         actions = []
         for row, (commands, hand) in enumerate(zip(self._commands, self._hands, strict=True)):
-            command = next(commands, None) or self._last[row]
-            self._last[row : row + 1] = [command]
+            command = self._last[row] = next(commands, None) or self._last[row]
             mine = {name: value[row] for name, value in observation.items() if name != "pixels"}
             actions.append(hand.move(mine, command).executed)
         return np.stack(actions)
