@@ -2,7 +2,7 @@
 
 python docs/render_results.py
 
-results.png: success of every interface on every task, with clean and with noisy commands. degraded.png and
+results.png: success of the interfaces on every task, with clean and with spoilt commands. degraded.png and
 removals.png: figures of the degraded-command benchmark's report.
 """
 
@@ -13,11 +13,16 @@ from typing import Any
 import numpy as np
 
 from lerobot_dexflex.evaluation.degraded import plots
-from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_figure, png
+from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_panels, png
 
 RESULTS = Path(__file__).resolve().parents[1] / "eval/results"
-RUNS = {"tasks": ("o", "clean commands"), "tasks_noise": ("D", "±4 mm of noise on the planned fingertips")}
-"""Result file by name: marker and meaning."""
+RUNS = {
+    "tasks": "clean commands",
+    "tasks_noise": "±4 mm of noise on the commanded fingertips",
+    "tasks_removal": "the most loaded finger is taken off the object now and then",
+}
+"""Result files and their meanings, a panel each."""
+INTERFACES = ("joint", "raw", "filter", "shrink", "dexgen", "dexgen@0.4", "dexflex")
 SPREAD = 0.7
 """Width of a group of interfaces; the groups' distance is 1."""
 
@@ -35,22 +40,21 @@ def main() -> None:
 
 
 def success() -> bytes:
-    """Draw the averages over tasks."""
-    runs = {name: _result(name) for name in RUNS}
-    interfaces = list(runs["tasks"]["success"])
-    columns = runs["tasks"]["columns"]
-    places = dict(zip(interfaces, np.linspace(-SPREAD / 2, SPREAD / 2, len(interfaces)), strict=True))
-    figure, axes = new_figure(9.0, 3.4)
-    for run, (marker, _) in RUNS.items():
-        for name, rates in runs[run]["success"].items():
-            _draw(axes, [rates[c] for c in columns], places[name], colour(interfaces.index(name)), marker)
-    for name in interfaces:
-        axes.plot([], [], "o", color=colour(interfaces.index(name)), label=name)
-    for marker, meaning in RUNS.values():
-        axes.plot([], [], marker, color=INK, fillstyle=_fill(marker), label=meaning)
-    axes.set_xticks(range(len(columns)), [column.replace("_", " ") for column in columns])
-    axes.set(ylim=(-3, 103), ylabel="success [%], Wilson 95 %")
-    axes.legend(ncols=len(interfaces) + len(RUNS), loc="lower center", bbox_to_anchor=(0.5, 1), **LEGEND)
+    """Draw success on every task and on average, a panel per condition."""
+    places = dict(zip(INTERFACES, np.linspace(-SPREAD / 2, SPREAD / 2, len(INTERFACES)), strict=True))
+    figure, panels = new_panels(9.0, 7.0, len(RUNS))
+    for axes, (run, meaning) in zip(panels, RUNS.items(), strict=True):
+        result = _result(run)
+        columns = result["columns"]
+        for name in INTERFACES:
+            if rates := result["success"].get(name):
+                _draw(axes, [rates[c] for c in columns], places[name], colour(INTERFACES.index(name)))
+        axes.set_xticks(range(len(columns)), [column.replace("_", " ") for column in columns])
+        axes.set(ylim=(-3, 103), ylabel="success [%]")
+        axes.set_title(meaning, color=INK, fontsize=9, loc="left")
+    for name in INTERFACES:
+        panels[0].plot([], [], "o", color=colour(INTERFACES.index(name)), label=name)
+    panels[0].legend(ncols=len(INTERFACES), loc="lower center", bbox_to_anchor=(0.5, 1.12), **LEGEND)
     return png(figure)
 
 
@@ -58,15 +62,11 @@ def _result(name: str) -> dict[str, Any]:
     return json.loads((RESULTS / f"{name}.json").read_text())
 
 
-def _draw(axes: Any, rates: list[dict[str, Any]], shift: float, ink: str, marker: str) -> None:
+def _draw(axes: Any, rates: list[dict[str, Any]], shift: float, ink: str) -> None:
     for k, rate in enumerate(rates):
         centre, (low, high) = rate["pc_success"], rate["pc_success_ci95"]
         error = np.clip([[centre - low], [high - centre]], 0, None)
-        axes.errorbar(k + shift, centre, error, fmt=marker, color=ink, fillstyle=_fill(marker), capsize=3)
-
-
-def _fill(marker: str) -> str:
-    return "full" if marker == "o" else "none"
+        axes.errorbar(k + shift, centre, error, fmt="o", color=ink, capsize=3)
 
 
 if __name__ == "__main__":

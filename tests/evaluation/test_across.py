@@ -91,3 +91,14 @@ def test_the_command_writes_the_average_and_refuses_what_is_no_comparison(load_s
     assert script.main([str(tmp_path / "other.json")]) == 2
     assert script.main([str(tmp_path / "nothing.json")]) == 2
     assert "other.json is no comparison" in capsys.readouterr().err
+
+
+def test_of_many_interfaces_only_the_last_ones_tests_are_told():
+    names = ("joint", "raw", "filter", "shrink", "dexgen", "dexflex")
+    found = across({"pour": result(**{name: [int(name == "dexflex")] * 40 for name in names})})
+    sentence = across_markdown(found).rpartition("(Holm): ")[2]
+    # 40 to 0, two-sided: 2 / 2^40, times all 15 pairs.
+    assert sentence.count("against dexflex p = 2.7e-11") == 5
+    assert "all other pairs" not in sentence
+    found = across({"pour": result(**{name: [int(name == "dexflex")] * 40 for name in names[1:]})})
+    assert "all other pairs p = 1" in across_markdown(found)

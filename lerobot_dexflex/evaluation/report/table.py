@@ -5,6 +5,8 @@ from typing import Any
 
 SIGNIFICANT = 0.05
 """Below this adjusted p-value a pair of interfaces is named in a sentence."""
+_MANY = 5
+"""Of more interfaces, a sentence names only the pairs of the last one."""
 RATE_HEADER = (
     "interface",
     "success",
@@ -105,16 +107,21 @@ def failures(result: dict[str, Any]) -> str:
 def across_markdown(found: dict[str, Any]) -> str:
     """Return success by interface and task, and the paired tests over all episodes.
 
+    Of more than five interfaces, only the last one's tests are told; Holm's adjustment is over all pairs.
+
     Args:
         found: From `evaluation.across.across`.
     """
+    last = [*found["success"]][-1]
+    few = len(found["success"]) <= _MANY
+    tests = [test for test in found["pairwise"] if few or last in (test["first"], test["second"])]
     rows = [
         [f"`{name}`", *(_rate(row[c]) for c in found["columns"])] for name, row in found["success"].items()
     ]
     return (
         _table(("interface", *found["columns"]), rows)
         + f"\n\nSuccess with Wilson 95 % intervals; {found['n_episodes']} paired episodes per cell. Exact "
-        + f"McNemar tests over all episodes (Holm): {paired_sentence(found['pairwise'])}."
+        + f"McNemar tests over all episodes (Holm): {paired_sentence(tests)}."
     )
 
 
