@@ -6,7 +6,7 @@ from lerobot_dexflex.commands.corruption import Corruption
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.command_errors import CommandErrors, SupportRemoval
 from lerobot_dexflex.hand.kinematics import fingertips, pads
-from lerobot_dexflex.interfaces import make_interface
+from lerobot_dexflex.interfaces import CommandSpace, make_interface
 
 JOINTS = torch.full((1, 16), 0.6, dtype=torch.float64)
 TIPS = fingertips(JOINTS)
@@ -16,10 +16,11 @@ THUMB, SEED = 3, 5
 class Listener:
     """An interface that remembers the drafts it gets and never moves."""
 
-    name, command = "listener", TIPS
+    name: str = "listener"
+    command: torch.Tensor | None = TIPS
 
-    def __init__(self, command_space="draft"):
-        self.command_space = command_space
+    def __init__(self, command_space: CommandSpace = "draft"):
+        self.command_space: CommandSpace = command_space
         self.drafts = []
 
     def reset(self, mask=None):
@@ -129,6 +130,7 @@ def test_an_interface_under_removals_moves_the_hand_as_told():
         path = []
         for _ in range(30):
             removal.step(state, torch.zeros(1, 8, 4, 3, dtype=torch.float64))
+            assert removal.command is not None
             path.append(removal.command[0, THUMB] @ -pads(JOINTS)[1][0, THUMB])
         first = steps_of_removals(SEED, 30).index(True)
         moved[name] = float(path[first] - path[first - 1])

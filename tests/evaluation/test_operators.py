@@ -76,9 +76,8 @@ def test_the_glove_shakes_the_hand_by_its_noise_and_not_the_arm():
     )
     # The arm follows the expert, which sees the shaken hand's object only after the grasp.
     np.testing.assert_allclose(shaken[:, :7], steady[:, :7], atol=1e-9)
-    tips = [[fingertips_of(action[7:]) for action in actions] for actions in (steady, shaken)]
-    errors = np.abs(np.subtract(*tips))
-    assert 0.002 < errors.max() < 0.005
+    before, after = (np.array([fingertips_of(a[7:]) for a in actions]) for actions in (steady, shaken))
+    assert 0.002 < np.abs(after - before).max() < 0.005
 
 
 def test_an_expert_that_is_done_keeps_its_last_command(monkeypatch):
