@@ -18,11 +18,11 @@ from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_pa
 RESULTS = Path(__file__).resolve().parents[1] / "eval/results"
 RUNS = {
     "tasks": "clean commands",
-    "tasks_noise": "±4 mm of noise on the commanded fingertips",
     "tasks_removal": "the most loaded finger is taken off the object now and then",
+    "tasks_noise": "±4 mm of noise on the commanded fingertips",
 }
 """Result files and their meanings, a panel each."""
-INTERFACES = ("joint", "raw", "filter", "shrink", "dexgen", "dexgen@0.4", "dexflex")
+INTERFACES = ("joint", "raw", "filter", "shrink", "dexgen", "dexgen@0.6", "dexgen@0.4", "dexflex")
 SPREAD = 0.7
 """Width of a group of interfaces; the groups' distance is 1."""
 

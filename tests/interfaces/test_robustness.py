@@ -11,7 +11,8 @@ from lerobot_dexflex.interfaces import INTERFACES
 from lerobot_dexflex.interfaces.protocol import FINGERS
 
 LEARNED = [name for name, entry in INTERFACES.items() if entry.learned]
-FEW = {"dexflex": {"settings": SelectionSettings(n_pure=4, n_seeded=4, nfe=2)}, "dexgen": {"steps": 2}}
+_FEW = {"settings": SelectionSettings(n_pure=4, n_seeded=4, nfe=2)}
+FEW = {"dexflex": _FEW, "dexflex-notouch": _FEW, "dexgen": {"steps": 2}}
 STEPS = 10
 
 
