@@ -41,19 +41,20 @@ def main() -> None:
 
 def success() -> bytes:
     """Draw success on every task and on average, a panel per condition."""
-    places = dict(zip(INTERFACES, np.linspace(-SPREAD / 2, SPREAD / 2, len(INTERFACES)), strict=True))
+    shifts = np.linspace(-SPREAD / 2, SPREAD / 2, len(INTERFACES))
+    looks = [(name, shift, colour(k)) for k, (name, shift) in enumerate(zip(INTERFACES, shifts, strict=True))]
     figure, panels = new_panels(9.0, 7.0, len(RUNS))
     for axes, (run, meaning) in zip(panels, RUNS.items(), strict=True):
         result = _result(run)
         columns = result["columns"]
-        for name in INTERFACES:
+        for name, shift, ink in looks:
             if rates := result["success"].get(name):
-                _draw(axes, [rates[c] for c in columns], places[name], colour(INTERFACES.index(name)))
+                _draw(axes, [rates[c] for c in columns], shift, ink)
         axes.set_xticks(range(len(columns)), [column.replace("_", " ") for column in columns])
         axes.set(ylim=(-3, 103), ylabel="success [%]")
         axes.set_title(meaning, color=INK, fontsize=9, loc="left")
-    for name in INTERFACES:
-        panels[0].plot([], [], "o", color=colour(INTERFACES.index(name)), label=name)
+    for name, _, ink in looks:
+        panels[0].plot([], [], "o", color=ink, label=name)
     panels[0].legend(ncols=len(INTERFACES), loc="lower center", bbox_to_anchor=(0.5, 1.12), **LEGEND)
     return png(figure)
 

@@ -45,6 +45,9 @@ class CommandErrors:
         return {name: str(value) for name, value in values.items() if value}
 
 
+NO_ERRORS = CommandErrors()
+
+
 class PlanNoise:
     """Uniform noise on the fingertips of plans.
 

@@ -8,9 +8,9 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.evaluation.command_errors import CommandErrors, SupportRemoval
+from lerobot_dexflex.evaluation.command_errors import NO_ERRORS, CommandErrors, SupportRemoval
 from lerobot_dexflex.evaluation.outcome import Motion
-from lerobot_dexflex.evaluation.policies import NO_ERRORS, ObservedInterface, controller_digests
+from lerobot_dexflex.evaluation.policies import ObservedInterface, controller_digests
 from lerobot_dexflex.evaluation.provenance import code_digest
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command

@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.command_errors import CommandErrors, PlanNoise, SupportRemoval
+from lerobot_dexflex.evaluation.command_errors import NO_ERRORS, CommandErrors, PlanNoise, SupportRemoval
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.evaluation.provenance import checkpoint_digest
 from lerobot_dexflex.interfaces import Interface, interface_entry
 from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
 from lerobot_dexflex.interfaces.explanation import Explanation
 from lerobot_dexflex.interfaces.protocol import CommandSpace
-
-NO_ERRORS = CommandErrors()
 
 
 @dataclass(frozen=True)

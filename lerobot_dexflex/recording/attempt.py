@@ -2,7 +2,7 @@
 
 import functools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -79,10 +79,9 @@ def run_attempt(
     env = gymnasium.make(f"{NAMESPACE}/{task}", disable_env_checker=True, **options)
     try:
         # A steady command through `raw` is the expert's own: the same law has made its joints.
-        between = None
-        if glove_noise or interface != "raw":
-            between = functools.partial(OperatedHand, _interface(interface, controller), glove_noise)
-        return _run(env, expert, seed, index, cameras, between)
+        direct = interface == "raw" and not glove_noise
+        below = None if direct else _interface(interface, controller)
+        return _run(env, expert, seed, index, cameras, below, glove_noise)
     finally:
         env.close()
 
@@ -99,11 +98,15 @@ def _run(
     seed: int,
     index: int,
     keep: bool,
-    between: Callable[[np.random.Generator, NDArray], OperatedHand] | None,
+    interface: Interface | None,
+    glove_noise: float,
 ) -> Attempt:
     observation, info = env.reset(seed=seed + index)
     commands: Iterator[Command] = expert(env.unwrapped, np.random.default_rng((seed, index)))
-    hand = between and between(np.random.default_rng((seed, index, 1)), env.get_wrapper_attr("command")[7:])
+    hand = None
+    if interface is not None:
+        rng, start = np.random.default_rng((seed, index, 1)), env.get_wrapper_attr("command")[7:]
+        hand = OperatedHand(interface, glove_noise, rng, start)
     frames: list[dict[str, NDArray]] = []
     steps = 0
     for command in commands:

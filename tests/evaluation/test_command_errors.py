@@ -55,47 +55,46 @@ def steps_of_removals(seed, steps):
     ]
 
 
-def test_the_most_loaded_finger_leaves_from_where_it_is_felt_and_the_others_follow_the_draft():
-    inner = Listener()
+def heard(draft, loads, steps, command_space: CommandSpace = "draft"):
+    """Return the drafts that arrive below removals when the same one is sent in every step."""
+    inner = Listener(command_space)
     removal = SupportRemoval(inner, 0.002)
     removal.begin([SEED])
+    for _ in range(steps):
+        removal.step(observation(loads), draft)
+    return inner.drafts
+
+
+def test_the_most_loaded_finger_leaves_from_where_it_is_felt_and_the_others_follow_the_draft():
     draft = torch.full((1, 8, 4, 3), 0.0005)
-    for _ in range(60):
-        removal.step(observation([1.0, 1.0, 1.0, 5.0]), draft)
-    changed = [not torch.equal(seen, draft) for seen in inner.drafts]
+    drafts = heard(draft, [1.0, 1.0, 1.0, 5.0], 60)
+    changed = [not torch.equal(seen, draft) for seen in drafts]
     assert changed == steps_of_removals(SEED, 60)
     assert 8 <= sum(changed) <= 24
     first = changed.index(True)
     inward = pads(JOINTS)[1][0, THUMB]
     for k in range(8):  # Felt 3 mm outside of the command, then 2 mm more in every step.
-        seen = inner.drafts[first + k][0]
+        seen = drafts[first + k][0]
         torch.testing.assert_close(seen[:, :THUMB], draft[0, :, :THUMB])
         expected = -(0.003 + 0.002 * (k + 1)) * inward
         torch.testing.assert_close(seen[0, THUMB].double(), expected, atol=1e-6, rtol=0)
         torch.testing.assert_close(seen[5, THUMB].double(), -0.002 * inward, atol=1e-6, rtol=0)
-    assert torch.equal(inner.drafts[first + 8], draft)
+    assert torch.equal(drafts[first + 8], draft)
     assert torch.equal(draft, torch.full((1, 8, 4, 3), 0.0005))
 
 
 def test_a_hand_that_holds_nothing_is_left_alone():
-    inner = Listener()
-    removal = SupportRemoval(inner, 0.002)
-    removal.begin([SEED])
     draft = torch.full((1, 8, 4, 3), 0.0005)
-    for _ in range(60):
-        removal.step(observation([0.0] * 4), draft)
-    assert all(torch.equal(seen, draft) for seen in inner.drafts)
+    drafts = heard(draft, [0.0] * 4, 60)
+    assert len(drafts) == 60
+    assert all(torch.equal(seen, draft) for seen in drafts)
 
 
 def test_planned_joints_are_those_of_a_finger_that_leaves():
-    inner = Listener("joint")
-    removal = SupportRemoval(inner, 0.002)
-    removal.begin([SEED])
     draft = JOINTS.view(1, 1, 16).repeat(1, 8, 1)
-    for _ in range(30):
-        removal.step(observation([1.0, 1.0, 1.0, 5.0]), draft)
+    drafts = heard(draft, [1.0, 1.0, 1.0, 5.0], 30, "joint")
     changed = steps_of_removals(SEED, 30)
-    seen = inner.drafts[changed.index(True) + 3][0, 0]
+    seen = drafts[changed.index(True) + 3][0, 0]
     assert torch.equal(seen[:12], JOINTS[0, :12])
     moved = (fingertips(seen[None]) - TIPS)[0, THUMB]
     outward = -pads(JOINTS)[1][0, THUMB]
