@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_dexflex.evaluation.degraded import plots
+from lerobot_dexflex.evaluation.reach import plots
 from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_panels, png
 
 RESULTS = Path(__file__).resolve().parents[1] / "eval/results"

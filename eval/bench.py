@@ -181,7 +181,7 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
 
 def grid_progress(result: Path) -> dict[tuple[int, int], float]:
     """Return the mean progress by numbers of candidates and evaluations; empty without the file."""
-    from lerobot_dexflex.evaluation.degraded.methods import Method, selection_settings
+    from lerobot_dexflex.evaluation.reach.methods import Method, selection_settings
 
     if not result.is_file():
         return {}

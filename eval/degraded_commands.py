@@ -72,9 +72,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     # Seconds of imports that --help and a mistyped option need not pay.
-    from lerobot_dexflex.evaluation.degraded.report import make_result, write_report
-    from lerobot_dexflex.evaluation.degraded.runner import Benchmark, run
-    from lerobot_dexflex.evaluation.degraded.tables import markdown
+    from lerobot_dexflex.evaluation.reach.report import make_result, write_report
+    from lerobot_dexflex.evaluation.reach.runner import Benchmark, run
+    from lerobot_dexflex.evaluation.reach.tables import markdown
 
     if options.workers < 0:
         raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")

@@ -61,7 +61,7 @@ def _content(result: dict[str, Any], source: str) -> str:
     if "cells" in result:
         return degraded_table(result, source)
     if "judged" in result:
-        from lerobot_dexflex.evaluation.degraded.regret import average_markdown
+        from lerobot_dexflex.evaluation.reach.regret import average_markdown
 
         return f"{average_markdown(result)}\n\n[{source}]({source})."
     if "columns" in result:
@@ -98,7 +98,7 @@ def degraded_table(result: dict[str, Any], source: str) -> str:
         result: Content of a `degraded_commands.json`.
         source: Path of that file from the repository's root.
     """
-    from lerobot_dexflex.evaluation.degraded import tables
+    from lerobot_dexflex.evaluation.reach import tables
 
     progress = tables.as_markdown(tables.metric_header(result), tables.metric_rows(result, "progress"))
     tests = [

@@ -43,10 +43,10 @@ def main(arguments: list[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> None:
     """Replay, print the rates, and write the result file."""
     from lerobot_dexflex.evaluation.replay import load_demonstrations, replay
-    from lerobot_dexflex.evaluation.statistics import success_rate
     from lerobot_dexflex.evaluation.store import write_json
     from lerobot_dexflex.interfaces import make_interface
-    from lerobot_dexflex.recording.provenance import commit
+    from lerobot_dexflex.runs.provenance import commit
+    from lerobot_dexflex.runs.statistics import success_rate
 
     if not options.noise >= 0:
         raise DexFlexError(f"`--noise` must not be negative [m]. Got {options.noise}.")

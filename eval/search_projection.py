@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
-    from lerobot_dexflex.evaluation.degraded.search import Search, fit, run_search
+    from lerobot_dexflex.evaluation.reach.search import Search, fit, run_search
 
     search = Search(options.output, options.chains, options.chains_per_search, options.controller)
     try:

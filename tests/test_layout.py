@@ -1,5 +1,6 @@
 """The layout's promises: nothing shadows a dependency, plugins are found, only fit files are committed."""
 
+import ast
 import subprocess
 import sys
 import tomllib
@@ -11,6 +12,23 @@ ROOT = Path(__file__).parents[1]
 DATA_FOLDERS = ("datasets", "configs", "eval", "policies", "tests")
 BINARY_SUFFIXES = {".safetensors", ".parquet", ".mp4", ".png", ".arrow"}
 MEGABYTE = 2**20
+
+
+FLOORS = (
+    {"errors", "conventions", "console", "_gl"},
+    {"runs"},
+    {"hand"},
+    {"envs"},
+    {"experts"},
+    {"controller"},
+    {"interfaces"},
+    {"commands"},
+    {"corpus", "recording"},
+    {"training"},
+    {"evaluation"},
+    {"lerobot_policy_dexflex"},
+)
+"""A package imports from floors below its own, never from above or beside."""
 
 
 def run_python(*arguments: str, cwd: Path = ROOT) -> str:
@@ -121,3 +139,34 @@ def test_every_module_stays_below_the_house_limit(tracked_files):
     modules = [path for path in tracked_files if path.suffix == ".py"]
     too_long = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in modules}
     assert {name: lines for name, lines in too_long.items() if lines >= 400} == {}
+
+
+def imports_between_packages() -> dict[tuple[str, str], set[str]]:
+    """Return which package imports which, and the modules that do, from the source."""
+    found: dict[tuple[str, str], set[str]] = {}
+    for folder in (ROOT / "lerobot_dexflex", ROOT / "policies/lerobot_policy_dexflex"):
+        for file in folder.rglob("*.py"):
+            parts = file.relative_to(folder).with_suffix("").parts
+            here = parts[0] if folder.name == "lerobot_dexflex" else folder.name
+            for node in ast.walk(ast.parse(file.read_text())):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                if isinstance(node, ast.ImportFrom) and node.module:
+                    names = [node.module]
+                for name in names:
+                    top, _, rest = name.partition(".")
+                    there = rest.partition(".")[0] if top == "lerobot_dexflex" else top
+                    if top in ("lerobot_dexflex", "lerobot_policy_dexflex") and there not in ("", here):
+                        found.setdefault((here, there), set()).add("/".join(parts))
+    return found
+
+
+def test_no_package_imports_one_above_or_beside_it():
+    floor = {name: k for k, names in enumerate(FLOORS) for name in names}
+    library = {path.stem for path in (ROOT / "lerobot_dexflex").iterdir() if not path.name.startswith("__")}
+    assert {*library, "lerobot_policy_dexflex"} == set(floor)
+    wrong = {
+        f"{here} -> {there}": sorted(files)
+        for (here, there), files in imports_between_packages().items()
+        if here != "__init__" and floor[there] >= floor[here] and floor[here] > 0
+    }
+    assert wrong == {}

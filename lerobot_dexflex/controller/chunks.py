@@ -6,8 +6,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lerobot_dexflex.controller.config import FINGERS
 from lerobot_dexflex.controller.settings import SelectionSettings
+from lerobot_dexflex.conventions import FINGER_NAMES
 
 DRAFT, PURE, SEEDED, CONTACT = 0, 1, 2, 3
 """Branches that candidates come from."""
@@ -31,7 +31,7 @@ class ChunkScale(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.register_buffer("scale", torch.full((len(FINGERS),), 0.001))
+        self.register_buffer("scale", torch.full((len(FINGER_NAMES),), 0.001))
 
     def fit(self, chunks: Tensor) -> None:
         """Take the root mean square of displacements [m], shape (..., 4, 3), as the scale."""
@@ -44,7 +44,7 @@ class ChunkScale(nn.Module):
 
     def restore(self, values: Tensor) -> Tensor:
         """Return (..., steps * 12) as chunks (..., steps, 4, 3) [m]."""
-        return values.unflatten(-1, (-1, len(FINGERS), 3)) * self.scale[:, None]
+        return values.unflatten(-1, (-1, len(FINGER_NAMES), 3)) * self.scale[:, None]
 
 
 def seed_chunks(draft: Tensor, drafts_history: Tensor, settings: SelectionSettings) -> Tensor:

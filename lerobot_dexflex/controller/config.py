@@ -6,9 +6,8 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from lerobot_dexflex.conventions import DRAFT_HORIZON, FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
-from lerobot_dexflex.interfaces.protocol import FINGERS as FINGERS
 
 FRAMES = (0, 1, 3, 7)
 """Steps back at which joints, fingertips and touch are seen."""
@@ -24,7 +23,7 @@ _IDENTITY = {
     "rate": 20.0,
     "horizon": DRAFT_HORIZON,
     "draft_definition": "commanded_displacement",
-    "fingers": FINGERS,
+    "fingers": FINGER_NAMES,
     "frames": FRAMES,
     "slow_stride": SLOW_STRIDE,
     "slow_samples": SLOW_SAMPLES,
@@ -52,7 +51,7 @@ class ControllerConfig:
     """Control steps in a draft and in every candidate."""
     draft_definition: str = "commanded_displacement"
     """What one step of a draft is: a displacement of the commanded fingertips in the palm frame [m]."""
-    fingers: tuple[str, ...] = FINGERS
+    fingers: tuple[str, ...] = FINGER_NAMES
     """Order of the fingers."""
     frames: tuple[int, ...] = FRAMES
     """Steps back at which joints, fingertips and touch are seen."""

@@ -8,19 +8,18 @@ from torch import Tensor
 
 from lerobot_dexflex.controller.config import (
     DRAFT_HISTORY,
-    FINGERS,
     FRAMES,
     SLOW_SAMPLES,
     SLOW_STRIDE,
     TAXELS,
 )
+from lerobot_dexflex.conventions import FINGER_NAMES, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 
 SLOW_OFFSETS = tuple(range(0, SLOW_STRIDE * SLOW_SAMPLES, SLOW_STRIDE))
 """Steps back of the slow window's samples."""
 _KEYS = {"observation.state": 16, "observation.fingertips": 12, "observation.gravity": 3}
-_TACTILE = "observation.tactile"
-_FINGERS = len(FINGERS)
+_FINGERS = len(FINGER_NAMES)
 
 
 class History(NamedTuple):
@@ -182,11 +181,11 @@ def _read_frame(observation: Mapping[str, Tensor]) -> _Frame:
         if not torch.isfinite(values[key]).all():
             raise DexFlexError(f"'{key}' holds NaN or infinity; hold the last reading or stop the hand.")
     joints, tips = values["observation.state"], values["observation.fingertips"]
-    tactile = observation.get(_TACTILE)
+    tactile = observation.get(TACTILE)
     if tactile is None:
         tactile = joints.new_full((len(joints), _FINGERS * TAXELS[0] * TAXELS[1]), torch.nan)
     if tactile.numel() != len(joints) * _FINGERS * TAXELS[0] * TAXELS[1]:
-        raise DexFlexError(f"'{_TACTILE}' must have shape (batch, 240) [N]. Got {tuple(tactile.shape)}.")
+        raise DexFlexError(f"'{TACTILE}' must have shape (batch, 240) [N]. Got {tuple(tactile.shape)}.")
     tactile = tactile.float().reshape(-1, _FINGERS, *TAXELS)
     missing = ~torch.isfinite(tactile).flatten(2).all(-1)
     tactile = torch.where(missing[..., None, None], 0.0, tactile)

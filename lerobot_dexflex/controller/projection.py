@@ -19,15 +19,15 @@ from torch import Tensor
 
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.settings import ProjectionSettings
+from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import pads
-from lerobot_dexflex.interfaces.protocol import FINGERS
 
 _PAIR, _ENOUGH = 2, 3
 """Loaded fingers that make a grasp worth protecting; and that make its motion more than a guess."""
 _RECENT = 3
 """Newest frames (now, 1 and 3 steps ago) in which a load counts as recent."""
-_THUMB, _LET_GO = FINGERS.index("thumb"), 0.002
+_THUMB, _LET_GO = FINGER_NAMES.index("thumb"), 0.002
 """It lets go where recent drafts, or a plan, take thumb and two fingers outward, on average so fast [m]."""
 _PLAN = 1e-4
 """The steps of a plan differ by more [m]."""

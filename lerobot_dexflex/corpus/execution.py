@@ -8,9 +8,10 @@ import torch
 from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.loop import stack_observations
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.corpus.distortion import Distortion
 from lerobot_dexflex.corpus.run import Leader, Run
-from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON, Interface
+from lerobot_dexflex.interfaces.protocol import Interface
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from lerobot_dexflex.corpus.manifest import close_folder, open_folder, shard_job
 from lerobot_dexflex.corpus.replays import run_replays
 from lerobot_dexflex.corpus.shard import read_header, shard_path
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.recording.provenance import provenance
-from lerobot_dexflex.recording.workers import run_numbered
+from lerobot_dexflex.runs.provenance import provenance
+from lerobot_dexflex.runs.workers import run_each
 
 
 def generate(config: CorpusConfig, arguments: list[str] | None = None) -> bool:
@@ -31,7 +31,7 @@ def generate(config: CorpusConfig, arguments: list[str] | None = None) -> bool:
     Raises:
         DexFlexError: If the folder holds something else. Finished shards are never lost.
     """
-    origin = provenance("dexflex-corpus", arguments)
+    origin = provenance("dexflex-corpus", [run_job.__module__], arguments)
     open_folder(config, origin)
     jobs = shard_jobs(config)
     folder = stage_folder(config)
@@ -55,7 +55,7 @@ def _run(
     config: CorpusConfig, commit: str, jobs: list[tuple[str, int]], paths: list[Path], missing: list[int]
 ) -> bool:
     """Run the missing jobs; return whether all are done."""
-    function = functools.partial(_run_numbered, config, commit, tuple(jobs))
+    function = functools.partial(_run_each, config, commit, tuple(jobs))
     queue = iter(missing)
     kept = sum(_kept(path) for path in paths if path.is_file())
     with tqdm(
@@ -64,7 +64,7 @@ def _run(
         bar.set_postfix_str(f"{kept} steps kept")
         try:
             with contextlib.closing(
-                run_numbered(function, lambda running: next(queue, None), config.workers)
+                run_each(function, lambda running: next(queue, None), config.workers)
             ) as results:
                 for number in results:
                     kept += _kept(paths[number])
@@ -80,7 +80,7 @@ def _run(
     return True
 
 
-def _run_numbered(config: CorpusConfig, commit: str, jobs: tuple[tuple[str, int], ...], number: int) -> int:
+def _run_each(config: CorpusConfig, commit: str, jobs: tuple[tuple[str, int], ...], number: int) -> int:
     split, job = jobs[number]
     run: Any = run_job if config.stage == "corpus" else run_replays
     run(config, commit, split, job)

@@ -21,13 +21,6 @@ from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor, add_touch
 
 CAMERAS = ("front", "wrist")
-LEROBOT_KEYS = {
-    "agent_pos": "observation.state",
-    "tactile": "observation.tactile",
-    "fingertips": "observation.fingertips",
-    "gravity": "observation.gravity",
-}
-"""How LeRobot, and with it every interface, calls what is not an image."""
 _HAND = len(robot.HAND_JOINTS)
 
 

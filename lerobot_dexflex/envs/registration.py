@@ -21,6 +21,11 @@ class TaskInfo(NamedTuple):
     stages: tuple[str, ...] = ()
     """What progress 1/n, 2/n, ... 1 stand for, where progress comes in stages."""
 
+    @property
+    def module(self) -> str:
+        """Module of the environment."""
+        return self.entry_point.partition(":")[0]
+
 
 TASKS = {
     "AssembleTable-v0": TaskInfo(

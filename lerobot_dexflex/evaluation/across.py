@@ -5,7 +5,7 @@ from itertools import combinations
 from typing import Any
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.statistics import holm, mean_interval, paired_test, success_rate
+from lerobot_dexflex.runs.statistics import holm, mean_interval, paired_test, success_rate
 
 AVERAGE = "average"
 

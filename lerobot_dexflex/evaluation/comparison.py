@@ -25,7 +25,7 @@ from lerobot_dexflex.evaluation.report.film import Film
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.evaluation.rollout import Controller, run_group
 from lerobot_dexflex.evaluation.store import Store, write_json
-from lerobot_dexflex.recording.workers import run_numbered
+from lerobot_dexflex.runs.workers import run_each
 
 RESULT = "comparison.json"
 
@@ -188,7 +188,7 @@ def _run(
     total = comparison.episodes * len(comparison.interfaces)
     with tqdm(total=total, initial=len(finished), unit="episode", disable=quiet) as bar:
         job = functools.partial(comparison.run_job, store)
-        for outcomes in run_numbered(job, lambda running: next(numbers, None), workers):
+        for outcomes in run_each(job, lambda running: next(numbers, None), workers):
             for outcome in outcomes:
                 rates[outcome.interface].append(outcome.success)
             bar.set_postfix_str(", ".join(f"{name} {sum(r)}/{len(r)}" for name, r in rates.items()))

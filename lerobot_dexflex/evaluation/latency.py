@@ -11,9 +11,10 @@ from torch import Tensor
 
 from lerobot_dexflex.controller import DexFlexController, SelectionSettings
 from lerobot_dexflex.controller.diffusion_prior import WEIGHTS, DiffusionPrior
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips
-from lerobot_dexflex.interfaces import DRAFT_HORIZON, Interface
+from lerobot_dexflex.interfaces import Interface
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 from lerobot_dexflex.interfaces.dexgen import DexGenInterface

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from lerobot_dexflex.recording.provenance import commit
+from lerobot_dexflex.runs.provenance import commit
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _DECISIVE = (

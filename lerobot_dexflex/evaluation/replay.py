@@ -14,16 +14,16 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from lerobot_dexflex.envs.hand_env import LEROBOT_KEYS
+from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Motion, Outcome
 from lerobot_dexflex.evaluation.rollout import run_group
 from lerobot_dexflex.hand.model import JOINTS
-from lerobot_dexflex.interfaces import DRAFT_HORIZON, make_interface
+from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.recording.schema import FPS, columns
 from lerobot_dexflex.recording.staging import RECORD_FILE
-from lerobot_dexflex.recording.workers import run_numbered
+from lerobot_dexflex.runs.workers import run_each
 
 _ARM = 7
 
@@ -144,7 +144,7 @@ def replay(
     job = functools.partial(_replay_one, str(demonstrations.root), interface, noise)
     outcomes = []
     with tqdm(total=len(demonstrations.seeds), unit="episode", desc=interface, disable=quiet) as bar:
-        for outcome in run_numbered(job, lambda running: next(numbers, None), workers):
+        for outcome in run_each(job, lambda running: next(numbers, None), workers):
             outcomes.append(outcome)
             bar.set_postfix_str(f"{sum(o.success for o in outcomes)}/{len(outcomes)}")
             bar.update()

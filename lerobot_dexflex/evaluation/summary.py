@@ -7,7 +7,7 @@ from typing import Any
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.failures import count_failures
 from lerobot_dexflex.evaluation.outcome import Outcome
-from lerobot_dexflex.evaluation.statistics import holm, mean_interval, paired_test, success_rate
+from lerobot_dexflex.runs.statistics import holm, mean_interval, paired_test, success_rate
 
 _METRICS: dict[str, Callable[[Outcome], float | None]] = {
     "progress_max": lambda o: o.progress_max,

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from lerobot_dexflex.evaluation.provenance import session
 from lerobot_dexflex.evaluation.store import Storable, Store
-from lerobot_dexflex.recording.workers import run_numbered
+from lerobot_dexflex.runs.workers import run_each
 
 
 class WholeJob:
@@ -69,7 +69,7 @@ def run_missing[Result: Storable](
     started, before = time.time(), len(done)
     try:
         with tqdm(total=len(jobs), initial=before, unit="job", disable=quiet) as bar:
-            for found in run_numbered(run_job, lambda _: next(waiting, None), workers):
+            for found in run_each(run_job, lambda _: next(waiting, None), workers):
                 store.append([found])
                 done[found.job] = found
                 bar.update()

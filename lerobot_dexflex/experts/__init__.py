@@ -19,7 +19,16 @@ def make_expert(task: str) -> Expert:
     Raises:
         DexFlexError: If the task has no expert.
     """
+    module, function = _entry(task)
+    return getattr(import_module(module), function)
+
+
+def expert_module(task: str) -> str:
+    """Return the module of a task's expert; raises as `make_expert`."""
+    return _entry(task)[0]
+
+
+def _entry(task: str) -> list[str]:
     if task not in _EXPERTS:
         raise DexFlexError(f"No expert for task {task!r}. Tasks with an expert: {sorted(_EXPERTS)}.")
-    module, function = _EXPERTS[task].split(":")
-    return getattr(import_module(module), function)
+    return _EXPERTS[task].split(":")

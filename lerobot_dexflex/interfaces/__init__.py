@@ -3,9 +3,6 @@
 from lerobot_dexflex.interfaces.filter import FilterInterface as FilterInterface
 from lerobot_dexflex.interfaces.joint import JointInterface as JointInterface
 from lerobot_dexflex.interfaces.protocol import (
-    DRAFT_HORIZON as DRAFT_HORIZON,
-)
-from lerobot_dexflex.interfaces.protocol import (
     CommandSpace as CommandSpace,
 )
 from lerobot_dexflex.interfaces.protocol import (

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips
 
-STATE = "observation.state"
 HAND_JOINTS = 16
 
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from lerobot_dexflex.controller import DexFlexController, History, Selection, SelectionSettings, State
 from lerobot_dexflex.controller.projection import project_draft
-from lerobot_dexflex.interfaces.commanded_hand import STATE
+from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.interfaces.explanation import Choice
 from lerobot_dexflex.interfaces.learned import LearnedInterface, Sensed
 from lerobot_dexflex.interfaces.plan import Plan

@@ -8,8 +8,8 @@ from torch import Tensor
 
 from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.controller.diffusion_prior import STEPS, DiffusionPrior
+from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces.commanded_hand import STATE
 from lerobot_dexflex.interfaces.controller_folder import DEXGEN_FILES
 from lerobot_dexflex.interfaces.learned import LearnedInterface
 

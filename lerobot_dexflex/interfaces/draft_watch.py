@@ -5,9 +5,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces.commanded_hand import check_draft
-from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
 
 DRAFT_HEALTH = ("ok", "late", "clipped")
 """What a draft can be; `DraftReading.health` holds indices into it."""

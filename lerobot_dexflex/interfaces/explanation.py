@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
+from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH
-from lerobot_dexflex.interfaces.protocol import FINGERS
 from lerobot_dexflex.interfaces.touch_watch import TOUCH_HEALTH
 
 BRANCHES = ("draft", "pure", "seeded", "contact")
@@ -59,7 +59,7 @@ class Explanation:
         touch = self.touch_health[index].tolist()
         found: dict[str, Any] = {
             "intervention": self.intervention[index].item(),
-            "touch_health": {f: TOUCH_HEALTH[k] for f, k in zip(FINGERS, touch, strict=True)},
+            "touch_health": {f: TOUCH_HEALTH[k] for f, k in zip(FINGER_NAMES, touch, strict=True)},
             "draft_health": DRAFT_HEALTH[int(self.draft_health[index])],
         }
         if self.choice is not None:
@@ -68,7 +68,7 @@ class Explanation:
                 found[name] = getattr(self.choice, name)[index].item()
             for name in ("contact_loss", "draft_contact_loss"):
                 values = getattr(self.choice, name)[index].tolist()
-                found[name] = dict(zip(FINGERS, values, strict=True))
+                found[name] = dict(zip(FINGER_NAMES, values, strict=True))
         return found
 
     def sentence(self, index: int) -> str:

@@ -8,13 +8,14 @@ import torch
 from torch import Tensor
 
 from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer
+from lerobot_dexflex.conventions import STATE, TACTILE
 from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips, solve_fingertips
-from lerobot_dexflex.interfaces.commanded_hand import STATE, CommandedInterface
+from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface
 from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, find_controller
 from lerobot_dexflex.interfaces.draft_watch import DraftReading, DraftWatch, checked_draft
 from lerobot_dexflex.interfaces.explanation import Choice, Explanation, relative_change
 from lerobot_dexflex.interfaces.protocol import CommandSpace
-from lerobot_dexflex.interfaces.touch_watch import TACTILE, TouchReading, TouchWatch, checked_taxels
+from lerobot_dexflex.interfaces.touch_watch import TouchReading, TouchWatch, checked_taxels
 
 
 class Sensed(NamedTuple):

@@ -8,11 +8,6 @@ from torch import Tensor
 CommandSpace = Literal["joint", "draft"]
 """`joint`: drafts are absolute joint targets. `draft`: they are displacements of the commanded fingertips."""
 
-FINGERS = ("index", "middle", "ring", "thumb")
-"""Order of the fingers in every tensor."""
-DRAFT_HORIZON = 8
-"""Control steps that a draft looks ahead."""
-
 
 class Interface(Protocol):
     """Turn a policy's draft into hand joint targets, once per control step, for a batch of hands.

@@ -5,11 +5,12 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from lerobot_dexflex.conventions import STATE, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, pads
-from lerobot_dexflex.interfaces.commanded_hand import HAND_JOINTS, STATE
+from lerobot_dexflex.interfaces.commanded_hand import HAND_JOINTS
 from lerobot_dexflex.interfaces.raw import RawInterface
-from lerobot_dexflex.interfaces.touch_watch import TACTILE, checked_taxels
+from lerobot_dexflex.interfaces.touch_watch import checked_taxels
 
 LOADED = 0.1
 """A finger carries load from this sum of its taxels on [N], twice what counts as contact elsewhere: its

@@ -16,7 +16,7 @@ class InterfaceEntry(NamedTuple):
     """Where an interface lives and what it takes; known without importing it."""
 
     module: str
-    """Module in this package."""
+    """Full name of its module."""
     class_name: str
     """Class in the module."""
     command_space: CommandSpace
@@ -26,16 +26,16 @@ class InterfaceEntry(NamedTuple):
 
 
 INTERFACES: dict[str, InterfaceEntry] = {
-    "joint": InterfaceEntry("joint", "JointInterface", "joint"),
-    "raw": InterfaceEntry("raw", "RawInterface", "draft"),
-    "filter": InterfaceEntry("filter", "FilterInterface", "draft"),
-    "hold": InterfaceEntry("hold", "HoldInterface", "draft"),
-    "shrink": InterfaceEntry("shrink", "ShrinkInterface", "draft"),
-    "clip": InterfaceEntry("clip", "ClipInterface", "draft"),
-    "reflex": InterfaceEntry("reflex", "ReflexInterface", "draft"),
-    "dexgen": InterfaceEntry("dexgen", "DexGenInterface", "draft", learned=True),
-    "dexflex": InterfaceEntry("dexflex", "DexFlexInterface", "draft", learned=True),
-    "dexflex-notouch": InterfaceEntry("dexflex", "DexFlexWithoutTouch", "draft", learned=True),
+    "joint": InterfaceEntry(f"{_HERE}.joint", "JointInterface", "joint"),
+    "raw": InterfaceEntry(f"{_HERE}.raw", "RawInterface", "draft"),
+    "filter": InterfaceEntry(f"{_HERE}.filter", "FilterInterface", "draft"),
+    "hold": InterfaceEntry(f"{_HERE}.hold", "HoldInterface", "draft"),
+    "shrink": InterfaceEntry(f"{_HERE}.shrink", "ShrinkInterface", "draft"),
+    "clip": InterfaceEntry(f"{_HERE}.clip", "ClipInterface", "draft"),
+    "reflex": InterfaceEntry(f"{_HERE}.reflex", "ReflexInterface", "draft"),
+    "dexgen": InterfaceEntry(f"{_HERE}.dexgen", "DexGenInterface", "draft", learned=True),
+    "dexflex": InterfaceEntry(f"{_HERE}.dexflex", "DexFlexInterface", "draft", learned=True),
+    "dexflex-notouch": InterfaceEntry(f"{_HERE}.dexflex", "DexFlexWithoutTouch", "draft", learned=True),
 }
 
 
@@ -64,7 +64,7 @@ def make_interface(name: str, **options: Any) -> Interface:
         DexFlexError: If there is no such interface, or no controller where one is needed.
     """
     entry, gain = interface_entry(name), _split(name)[1]
-    interface = getattr(importlib.import_module(f"{_HERE}.{entry.module}"), entry.class_name)(**options)
+    interface = getattr(importlib.import_module(entry.module), entry.class_name)(**options)
     if gain is None:
         return interface
     return importlib.import_module(f"{_HERE}.gain").GainInterface(interface, gain)

@@ -6,11 +6,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from lerobot_dexflex.conventions import FINGER_NAMES, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.touch import TouchConfig
-from lerobot_dexflex.interfaces.protocol import FINGERS
 
-TACTILE = "observation.tactile"
 TAXELS = 60
 TOUCH_HEALTH = ("ok", "missing", "frozen", "saturated")
 """What a finger's touch can be; `TouchReading.health` holds indices into it."""
@@ -76,10 +75,10 @@ class TouchWatch:
         taxels = checked_taxels(observation, rows)
         if taxels is None:
             like = next(iter(observation.values()))
-            taxels = torch.full((rows, len(FINGERS), TAXELS), torch.nan, device=like.device)
+            taxels = torch.full((rows, len(FINGER_NAMES), TAXELS), torch.nan, device=like.device)
         if self._last is None or self._good is None or self._repeats is None:
             self._last = self._good = torch.zeros_like(taxels)
-            self._repeats = torch.zeros(rows, len(FINGERS), dtype=torch.int64, device=taxels.device)
+            self._repeats = torch.zeros(rows, len(FINGER_NAMES), dtype=torch.int64, device=taxels.device)
         same = (taxels == self._last).all(-1) & (taxels != 0).any(-1)
         self._repeats = torch.where(same, self._repeats + 1, torch.zeros_like(self._repeats))
         self._last = taxels
@@ -102,9 +101,9 @@ def checked_taxels(observation: Mapping[str, Tensor], rows: int) -> Tensor | Non
     if TACTILE not in observation:
         return None
     taxels = observation[TACTILE]
-    if tuple(taxels.shape) != (rows, len(FINGERS) * TAXELS):
+    if tuple(taxels.shape) != (rows, len(FINGER_NAMES) * TAXELS):
         raise DexFlexError(
-            f"'{TACTILE}' must have shape ({rows}, {len(FINGERS) * TAXELS}): 4 fingers x 10 x 6 taxels [N]. "
+            f"'{TACTILE}' must have shape ({rows}, {len(FINGER_NAMES) * TAXELS}): 10 x 6 taxels each [N]. "
             f"Got {tuple(taxels.shape)}. Leave the key out if there is no touch."
         )
-    return taxels.float().unflatten(1, (len(FINGERS), TAXELS))
+    return taxels.float().unflatten(1, (len(FINGER_NAMES), TAXELS))

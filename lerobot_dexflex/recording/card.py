@@ -7,10 +7,10 @@ from typing import Any
 from huggingface_hub import DatasetCardData
 
 from lerobot_dexflex.envs.registration import TASKS
-from lerobot_dexflex.evaluation.statistics import success_rate
 from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
 from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP, columns
 from lerobot_dexflex.recording.staging import RECORD_FILE
+from lerobot_dexflex.runs.statistics import success_rate
 
 _GLOVE = """\
 The operator's glove jitters by ±{:.1f} mm in every fingertip coordinate, anew in every step.

@@ -6,6 +6,7 @@ from typing import Any
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.experts import expert_module
 from lerobot_dexflex.interfaces import interface_entry
 from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
 from lerobot_dexflex.recording.operation import checked_interface
@@ -98,6 +99,12 @@ class RecordConfig:
         if not interface_entry(self.interface).learned:
             return ""
         return controller_digest(controller_of(self.interface, self.controller), self.interface)
+
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """Modules whose source decides what an episode contains, with all that they import."""
+        task, interface = TASKS[self.task].module, interface_entry(self.interface).module
+        return ("lerobot_dexflex.recording.attempt", task, expert_module(self.task), interface)
 
     @property
     def attempt_limit(self) -> int:

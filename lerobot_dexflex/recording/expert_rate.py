@@ -11,12 +11,13 @@ from typing import Any
 
 from tqdm import tqdm
 
+from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.statistics import Rate, success_rate
-from lerobot_dexflex.experts import make_expert
+from lerobot_dexflex.experts import expert_module, make_expert
 from lerobot_dexflex.recording.attempt import Attempt, run_attempt
-from lerobot_dexflex.recording.provenance import code_digest, provenance
-from lerobot_dexflex.recording.workers import run_numbered
+from lerobot_dexflex.runs.provenance import code_digest, provenance
+from lerobot_dexflex.runs.statistics import Rate, success_rate
+from lerobot_dexflex.runs.workers import run_each
 
 
 def expert_rate(
@@ -47,16 +48,17 @@ def expert_rate(
     make_expert(task)
     if episodes < 1:
         raise DexFlexError(f"`episodes` must be at least 1. Got {episodes}.")
-    identity = {"task": task, "seed": seed, "code": code_digest()}
+    modules = (run_attempt.__module__, TASKS[task].module, expert_module(task))
+    identity = {"task": task, "seed": seed, "code": code_digest(modules)}
     done = _finished(output, identity)
     missing = [index for index in range(episodes) if index not in done]
     numbers = iter(missing)
-    origin = provenance("python", sys.argv)
+    origin = provenance("python", modules, sys.argv)
     output.parent.mkdir(parents=True, exist_ok=True)
     run = run or functools.partial(run_attempt, task, seed, cameras=False)
     with (
         tqdm(total=len(done) + len(missing), initial=len(done), unit="episode", desc=f"Expert {task}") as bar,
-        contextlib.closing(run_numbered(run, lambda running: next(numbers, None), workers)) as results,
+        contextlib.closing(run_each(run, lambda running: next(numbers, None), workers)) as results,
     ):
         for attempt in results:
             done[attempt.index] = attempt.summary()

@@ -7,11 +7,11 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
-from lerobot_dexflex.envs.hand_env import LEROBOT_KEYS
+from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.model import ARM_JOINTS
-from lerobot_dexflex.interfaces import DRAFT_HORIZON, INTERFACES, Interface, interface_entry, make_interface
+from lerobot_dexflex.interfaces import INTERFACES, Interface, interface_entry, make_interface
 from lerobot_dexflex.interfaces.controller_folder import controller_of
 
 _ARM = len(ARM_JOINTS)

@@ -17,9 +17,9 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.recording.attempt import Attempt, run_attempt, save_attempt
 from lerobot_dexflex.recording.config import RecordConfig
-from lerobot_dexflex.recording.provenance import provenance
 from lerobot_dexflex.recording.staging import is_complete, open_staging, staged_attempts
-from lerobot_dexflex.recording.workers import run_numbered
+from lerobot_dexflex.runs.provenance import provenance
+from lerobot_dexflex.runs.workers import run_each
 
 
 def record(config: RecordConfig, arguments: list[str] | None = None) -> bool:
@@ -44,7 +44,9 @@ def record(config: RecordConfig, arguments: list[str] | None = None) -> bool:
     if is_complete(config):
         print(f"{config.root} is complete: {config.episodes} episodes of this recipe. Nothing to record.")
         return True
-    origin = provenance("dexflex-record", arguments) | {"controller": config.controller_digest}
+    origin = provenance("dexflex-record", config.modules, arguments) | {
+        "controller": config.controller_digest
+    }
     staging = open_staging(config)
     known = staged_attempts(staging)
     attempts, interrupted = _collect(config, staging, known)
@@ -91,7 +93,7 @@ def _collect(config: RecordConfig, staging: Path, known: dict[int, Attempt]) -> 
             return None
 
         try:
-            with contextlib.closing(run_numbered(function, next_number, config.workers)) as results:
+            with contextlib.closing(run_each(function, next_number, config.workers)) as results:
                 for attempt in results:
                     account(attempt)
         except KeyboardInterrupt:

@@ -7,7 +7,7 @@ from typing import Any
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.recording.attempt import Attempt, load_attempt
 from lerobot_dexflex.recording.config import RecordConfig, identity
-from lerobot_dexflex.recording.provenance import code_digest
+from lerobot_dexflex.runs.provenance import code_digest
 
 RECORD_FILE = Path("meta/recording.json")
 """In a dataset: what was recorded, with which seeds, by which code."""
@@ -59,9 +59,9 @@ def open_staging(config: RecordConfig) -> Path:
                 f"{staging} was recorded with another controller. Give --controller that one, choose another "
                 f"--root, or delete {staging} to start again."
             )
-        if found["code"] != code_digest():
+        if found["code"] != (code := code_digest(config.modules)):
             raise DexFlexError(
-                f"{staging} was recorded by other code (digest {found['code']}, now {code_digest()}); mixing "
+                f"{staging} was recorded by other code (digest {found['code']}, now {code}); mixing "
                 "both would make a dataset nobody can reproduce. Go back to that code, choose another "
                 f"--root, or delete {staging} to start again."
             )
@@ -75,7 +75,7 @@ def open_staging(config: RecordConfig) -> Path:
         )
     staging.mkdir(parents=True, exist_ok=True)
     temporary = manifest.with_suffix(".json.tmp")
-    origin = {"code": code_digest(), "controller": config.controller_digest}
+    origin = {"code": code_digest(config.modules), "controller": config.controller_digest}
     temporary.write_text(json.dumps({"recipe": config.to_dict(), **origin}, indent=2))
     temporary.replace(manifest)
     return staging

@@ -10,10 +10,10 @@ from torch import Tensor
 
 from lerobot_dexflex.controller.config import DRAFT_HISTORY, FRAMES, TAXELS
 from lerobot_dexflex.controller.history import SLOW_OFFSETS, History, past_rows
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.corpus.schema import COLUMNS, FAILED
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.reach.operator import CORRECTION
-from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
 
 SPLITS = ("train", "tune")
 """Splits that training may read; test objects are kept for the benchmark."""

@@ -12,9 +12,9 @@ from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.encoder import Encoder, State
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.prior import LAST_TIME, Prior
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.fit import FitConfig, Stage

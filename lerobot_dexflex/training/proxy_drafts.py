@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 
 _LARGEST_DELAY = 3
 

@@ -11,8 +11,8 @@ from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.encoder import State
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.world_model import Prediction, WorldModel
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.interfaces.protocol import DRAFT_HORIZON
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
 from lerobot_dexflex.training.corpus_data import CorpusData, ReplayData
 from lerobot_dexflex.training.fit import FitConfig, Stage

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.interfaces import DRAFT_HORIZON, Interface
+from lerobot_dexflex.conventions import DRAFT_HORIZON
+from lerobot_dexflex.interfaces import Interface
 from lerobot_policy_dexflex.drafts import displacement_draft, joint_draft
 
 

@@ -2,8 +2,9 @@
 
 import torch
 
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.interfaces import DRAFT_HORIZON, INTERFACES
+from lerobot_dexflex.interfaces import INTERFACES
 
 STATE, TACTILE = "observation.state", "observation.tactile"
 

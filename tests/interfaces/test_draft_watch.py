@@ -1,8 +1,8 @@
 import pytest
 import torch
 
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces import DRAFT_HORIZON
 from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH, DraftWatch, checked_draft
 
 LIKE = torch.zeros(1, 16)

@@ -5,10 +5,10 @@ import torch
 from interface_cases import STATE, TACTILE, drafts, observation
 
 from lerobot_dexflex.controller import SelectionSettings
+from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER
 from lerobot_dexflex.interfaces import INTERFACES
-from lerobot_dexflex.interfaces.protocol import FINGERS
 
 LEARNED = [name for name, entry in INTERFACES.items() if entry.learned]
 _FEW = {"settings": SelectionSettings(n_pure=4, n_seeded=4, nfe=2)}
@@ -56,7 +56,7 @@ def test_a_failing_finger_is_named_and_the_hand_goes_on(make, name, fault):
         seen = vary(observation(2, k), k)
         assert_executable(interface.step(break_touch(seen) if k > 2 else seen, drafts(name, 2, k)))
     for index in range(2):
-        expected = {f: health if i in fingers else "ok" for i, f in enumerate(FINGERS)}
+        expected = {f: health if i in fingers else "ok" for i, f in enumerate(FINGER_NAMES)}
         assert interface.explanation.row(index)["touch_health"] == expected
     interface.step(vary(observation(2), STEPS), drafts(name, 2))
     assert set(interface.explanation.row(0)["touch_health"].values()) == {"ok"}

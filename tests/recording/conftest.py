@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
+from lerobot_dexflex import experts
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS, TaskInfo
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.model import JOINTS
@@ -63,11 +64,13 @@ def count(env: CountingEnv, rng: np.random.Generator) -> Iterator[Command]:
 
 @pytest.fixture
 def counting_task(monkeypatch):
-    monkeypatch.setitem(TASKS, TASK, TaskInfo("", 20, "Count to nine.", 23))
+    module = "lerobot_dexflex.envs.registration:"
+    monkeypatch.setitem(TASKS, TASK, TaskInfo(module, 20, "Count to nine.", 23))
+    monkeypatch.setitem(experts._EXPERTS, TASK, "lerobot_dexflex.experts.command:Command")
     for module in (attempt, record):
         monkeypatch.setattr(module, "make_expert", lambda task: count)
     # The sources may be edited while tests run.
-    monkeypatch.setattr(staging, "code_digest", lambda: "digest")
+    monkeypatch.setattr(staging, "code_digest", lambda modules: "digest")
     gymnasium.register(
         f"{NAMESPACE}/{TASK}", entry_point=lambda **options: CountingEnv(**options), max_episode_steps=20
     )

@@ -10,7 +10,7 @@ from lerobot_dexflex.recording.expert_rate import expert_rate
 
 @pytest.fixture(autouse=True)
 def fixed_code(monkeypatch):
-    monkeypatch.setattr(module, "code_digest", lambda: "digest")
+    monkeypatch.setattr(module, "code_digest", lambda modules: "digest")
 
 
 def every_fourth_fails(index):

@@ -203,7 +203,7 @@ def test_attempts_of_other_code_are_not_mixed(counting_task, tmp_path, monkeypat
 
     monkeypatch.setattr(record, "run_attempt", interrupted)
     assert not record.record(config(counting_task, tmp_path / "count"), [])
-    monkeypatch.setattr("lerobot_dexflex.recording.staging.code_digest", lambda: "changed")
+    monkeypatch.setattr("lerobot_dexflex.recording.staging.code_digest", lambda modules: "changed")
     with pytest.raises(DexFlexError, match="other code"):
         record.record(config(counting_task, tmp_path / "count"), [])
 

@@ -1,0 +1,10 @@
+"""What every floor of the library agrees on: names of observations and fingers, and how far drafts look."""
+
+DRAFT_HORIZON = 8
+"""Control steps that a draft looks ahead."""
+FINGER_NAMES = ("index", "middle", "ring", "thumb")
+"""Order of the fingers in every tensor, as people call them; `hand.leap.FINGERS` are the model's prefixes."""
+STATE, TACTILE = "observation.state", "observation.tactile"
+FINGERTIPS, GRAVITY = "observation.fingertips", "observation.gravity"
+LEROBOT_KEYS = {"agent_pos": STATE, "tactile": TACTILE, "fingertips": FINGERTIPS, "gravity": GRAVITY}
+"""How LeRobot, and with it every interface, calls what an environment observes beside images."""

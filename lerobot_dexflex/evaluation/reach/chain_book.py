@@ -1,0 +1,135 @@
+"""Chains on disk: verified once, used by every method; built by the same command that needs them."""
+
+import functools
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from lerobot_dexflex.envs.reach import ReachEnv
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.experts.reach.chains import Chain, build_chain
+from lerobot_dexflex.runs.workers import run_each
+
+TUNING_SEED, TEST_SEED = 50_000, 100_000
+Build = Callable[[int, bool], Chain | None]
+
+
+@dataclass(frozen=True)
+class ChainBook:
+    """One file of chains; line by line a seed and its chain, or null where the operator failed.
+
+    Episode k is the chain of the k-th seed, counted from `first_seed`, that has one.
+
+    Args:
+        path: The file, JSON lines; created when something is built.
+        first_seed: The first seed.
+        verified: Whether goals are verified by the operator.
+    """
+
+    path: Path
+    first_seed: int
+    verified: bool = True
+
+    def ensure(self, count: int, workers: int = 2, quiet: bool = False, build: Build | None = None) -> None:
+        """Build chains until there are `count`; what is there is kept, so an interrupt loses little.
+
+        Args:
+            count: How many are needed.
+            workers: Worker processes; 0 builds in this process.
+            quiet: Show no progress bar.
+            build: Builds the chain of a seed, or finds none; `build_in_simulator` if None.
+        """
+        known = self._read()
+        missing = count - sum(chain is not None for chain in self._in_order(known))
+        if missing <= 0:
+            return
+        _end_last_line(self.path)
+        job = functools.partial(_build_line, self.path, self.verified, build or build_in_simulator)
+        waiting = self.first_seed
+
+        def next_seed(running: int) -> int | None:
+            nonlocal waiting
+            found = sum(chain is not None for chain in self._in_order(known))
+            if found + running >= count:
+                return None  # Those that are running may be enough.
+            while waiting in known or waiting in started:
+                waiting += 1
+            started.add(waiting)
+            return waiting
+
+        started: set[int] = set()
+        with tqdm(total=missing, unit="chain", desc=self.path.stem, disable=quiet) as bar:
+            for seed, chain in run_each(job, next_seed, workers):
+                known[seed] = chain
+                bar.update(chain is not None)
+
+    def load(self, count: int) -> list[Chain]:
+        """Return the first `count` chains.
+
+        Raises:
+            DexFlexError: If there are fewer.
+        """
+        chains = [chain for chain in self._in_order(self._read()) if chain is not None][:count]
+        if len(chains) < count:
+            raise DexFlexError(
+                f"{self.path} holds {len(chains)} chains in a row, {count} are needed; build them."
+            )
+        return chains
+
+    def _in_order(self, known: dict[int, Chain | None]) -> list[Chain | None]:
+        """Return the chains of the seeds known without a gap: their order does not depend on who was fast."""
+        found = []
+        seed = self.first_seed
+        while seed in known:
+            found.append(known[seed])
+            seed += 1
+        return found
+
+    def _read(self) -> dict[int, Chain | None]:
+        known: dict[int, Chain | None] = {}
+        for line in self.path.read_text().splitlines() if self.path.exists() else ():
+            try:
+                row = json.loads(line)
+            except ValueError:  # Torn by a kill; built again.
+                continue
+            known[row["seed"]] = None if row["chain"] is None else Chain.from_json(row["chain"])
+        return known
+
+
+def chain_digest(chain: Chain) -> str:
+    """Return a short digest of start and goals."""
+    return hashlib.sha256(json.dumps(chain.to_json(), sort_keys=True).encode()).hexdigest()[:8]
+
+
+def build_in_simulator(seed: int, verified: bool) -> Chain | None:
+    """Return the chain of a seed, or None if the operator does not find eight goals."""
+    return build_chain(_environment(), seed, verified)
+
+
+@functools.cache
+def _environment() -> ReachEnv:
+    return ReachEnv(cameras=())
+
+
+def _end_last_line(path: Path) -> None:
+    """Let what a kill tore off stand in a line of its own, that the next one is not lost with it."""
+    if path.exists() and not path.read_bytes().endswith(b"\n"):
+        with path.open("ab") as file:
+            file.write(b"\n")
+
+
+def _build_line(path: Path, verified: bool, build: Build, seed: int) -> tuple[int, Chain | None]:
+    chain = build(seed, verified)
+    line = json.dumps({"seed": seed, "chain": None if chain is None else chain.to_json()}) + "\n"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    try:
+        os.write(descriptor, line.encode())
+    finally:
+        os.close(descriptor)
+    return seed, chain

@@ -1,0 +1,66 @@
+import random
+
+import pytest
+from degraded_fakes import build_even, chain
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.reach import chain_book
+from lerobot_dexflex.evaluation.reach.chain_book import ChainBook, chain_digest
+
+
+def test_chains_are_those_of_the_first_seeds_that_have_one(tmp_path):
+    book = ChainBook(tmp_path / "chains.jsonl", 10)
+    book.ensure(3, workers=0, quiet=True, build=build_even)
+    assert [c.seed for c in book.load(3)] == [10, 12, 14]
+    assert book.load(3)[1] == chain(12)
+    with pytest.raises(DexFlexError, match="3 chains in a row, 4 are needed"):
+        book.load(4)
+
+
+def test_the_order_does_not_depend_on_which_worker_is_fast(tmp_path, monkeypatch):
+    def in_any_order(function, next_number, workers):
+        running, rng = [], random.Random(0)
+        while True:
+            while len(running) < workers and (number := next_number(len(running))) is not None:
+                running.append(number)
+            if not running:
+                return
+            yield function(running.pop(rng.randrange(len(running))))
+
+    monkeypatch.setattr(chain_book, "run_each", in_any_order)
+    book = ChainBook(tmp_path / "chains.jsonl", 10)
+    book.ensure(3, workers=3, quiet=True, build=build_even)
+    assert [c.seed for c in book.load(3)] == [10, 12, 14]
+
+
+def test_what_is_there_is_not_built_again_but_a_torn_line_is(tmp_path):
+    book = ChainBook(tmp_path / "chains.jsonl", 10)
+    book.ensure(3, workers=0, quiet=True, build=build_even)
+    built = []
+
+    def build(seed, verified):
+        built.append(seed)
+        return build_even(seed, verified)
+
+    book.ensure(3, workers=0, quiet=True, build=build)
+    assert built == []
+    lines = book.path.read_text().splitlines(keepends=True)
+    book.path.write_text("".join(lines[:-1]) + lines[-1][:30])
+    book.ensure(4, workers=0, quiet=True, build=build)
+    assert built == [14, 15, 16]
+    assert [c.seed for c in book.load(4)] == [10, 12, 14, 16]
+
+
+def test_a_gap_left_by_a_kill_is_not_skipped(tmp_path):
+    book = ChainBook(tmp_path / "chains.jsonl", 10)
+    book.ensure(3, workers=0, quiet=True, build=build_even)
+    lines = book.path.read_text().splitlines(keepends=True)
+    book.path.write_text("".join(lines[:2] + lines[3:]))
+    with pytest.raises(DexFlexError, match="1 chains in a row"):
+        book.load(2)
+    book.ensure(3, workers=0, quiet=True, build=build_even)
+    assert [c.seed for c in book.load(3)] == [10, 12, 14]
+
+
+def test_a_digest_tells_chains_apart():
+    assert chain_digest(chain(1)) == chain_digest(chain(1)) != chain_digest(chain(2))

@@ -1,0 +1,60 @@
+import pytest
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.runs.statistics import holm, mean_interval, paired_test, success_rate
+
+
+def test_half_of_a_hundred_has_the_wilson_interval_derived_by_hand():
+    # z^2 = 3.8415, n = 100, p = 1/2: centre 1/2, half width z sqrt(p(1-p)/n + z^2/4n^2) / (1 + z^2/n)
+    # = 1.95996 sqrt(0.0025 + 0.00009604) / 1.038415 = 0.09617
+    rate = success_rate([True, False] * 50)
+    assert (rate.n_success, rate.n_episodes, rate.pc_success) == (50, 100, 50.0)
+    assert rate.pc_success_ci95 == pytest.approx((40.383, 59.617), abs=1e-3)
+
+
+def test_no_success_in_ten_still_leaves_room_above():
+    # The upper bound is z^2 / (n + z^2) = 3.8415 / 13.8415.
+    assert success_rate([False] * 10).pc_success_ci95 == pytest.approx((0, 27.753), abs=1e-3)
+
+
+def test_a_rate_of_no_episodes_is_refused():
+    with pytest.raises(DexFlexError, match="at least one episode"):
+        success_rate([])
+
+
+def test_mcnemar_counts_discordant_pairs_only():
+    # 6 against 1 of 7 discordant pairs: p = 2 (C(7,0) + C(7,1)) / 2^7 = 16/128.
+    first = [True] * 6 + [False] + [True] * 20
+    second = [False] * 6 + [True] + [True] * 20
+    assert paired_test(first, second) == (6, 1, pytest.approx(0.125))
+
+
+def test_equal_outcomes_are_no_evidence():
+    assert paired_test([True, False], [True, False]).p_value == 1
+
+
+def test_unequal_lengths_cannot_be_paired():
+    with pytest.raises(DexFlexError, match="3 and 2"):
+        paired_test([True] * 3, [True] * 2)
+
+
+def test_holm_steps_down_and_keeps_the_order():
+    # Sorted 0.01, 0.03, 0.04 times 3, 2, 1 gives 0.03, 0.06, 0.04, made monotone: 0.03, 0.06, 0.06.
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert holm([]) == []
+
+
+def test_the_bootstrap_agrees_with_the_normal_interval_of_a_mean_and_repeats_itself():
+    # 0 .. 9 ten times: mean 4.5, standard error sqrt(8.25 / 100) = 0.287, so 4.5 -+ 0.563.
+    values = [float(k % 10) for k in range(100)]
+    result = mean_interval(values)
+    assert result is not None
+    assert result.mean == 4.5
+    assert result.ci95 == pytest.approx((3.937, 5.063), abs=0.05)
+    assert mean_interval(values) == result
+
+
+def test_degenerate_samples_have_no_made_up_interval():
+    assert mean_interval([]) is None
+    assert mean_interval([2.0]) == (2.0, None, 1)
+    assert mean_interval([2.0, 2.0]) == (2.0, (2.0, 2.0), 2)
