@@ -17,6 +17,9 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.runs.provenance import provenance
 from lerobot_dexflex.runs.workers import run_each
 
+_JOB = "lerobot_dexflex.corpus.job"
+"""What makes the data, with all that it imports."""
+
 
 def generate(config: CorpusConfig, arguments: list[str] | None = None) -> bool:
     """Make every shard that is missing, then write the recipe with its totals.
@@ -31,7 +34,7 @@ def generate(config: CorpusConfig, arguments: list[str] | None = None) -> bool:
     Raises:
         DexFlexError: If the folder holds something else. Finished shards are never lost.
     """
-    origin = provenance("dexflex-corpus", [run_job.__module__], arguments)
+    origin = provenance("dexflex-corpus", [_JOB], arguments)
     open_folder(config, origin)
     jobs = shard_jobs(config)
     folder = stage_folder(config)

@@ -5,11 +5,11 @@ import pytest
 import torch
 from interface_cases import STATE, TACTILE, drafts, hand_poses, observation, row
 
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
 from lerobot_dexflex.interfaces import (
-    DRAFT_HORIZON,
     INTERFACES,
     FilterInterface,
     JointInterface,
