@@ -110,8 +110,8 @@ def _read(path: Path) -> dict[str, Any]:
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
         pass
     raise DexFlexError(
-        f"{path} is damaged: it holds no recipe. Restore it, choose another --output, or move the folder away; "
-        "nothing was changed."
+        f"{path} is damaged: it holds no recipe. Restore it, choose another --output, or move the "
+        "folder away; nothing was changed."
     )
 
 
