@@ -11,7 +11,7 @@ from lerobot_dexflex.commands.loop import Slot
 from lerobot_dexflex.controller import DexFlexController, SelectionSettings
 from lerobot_dexflex.controller.projection import project_draft
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.experts.reach import kernels
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 from lerobot_dexflex.interfaces.explanation import Choice
