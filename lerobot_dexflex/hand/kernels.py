@@ -194,7 +194,7 @@ def contact_torques(joints: Array, points: Array, forces: Array) -> Array:
 def solve_fingertips(
     targets: Array, previous: Array, posture_weight: float = POSTURE_WEIGHT, iterations: int = 3
 ) -> Array:
-    """Return joints [rad] (..., 16) for tips [m] (..., 4, 3), as `hand.kinematics.solve_fingertips` says."""
+    """Return joints [rad] (..., 16) for tips [m] (..., 4, 3), as `kinematics.solve_fingertips` says."""
     wanted, seeds, joints = (
         targets.reshape(-1, 4, 3),
         previous.reshape(-1, 16),
@@ -233,7 +233,7 @@ def solve_fingertips(
 
 @numba.njit(cache=True)
 def solve_pads(points: Array, normals: Array, seed: Array, iterations: int = 12) -> Array:
-    """Return joints [rad] (..., 16) for pads on points [m] (..., 4, 3), as `hand.contacts.solve_pads` says."""
+    """Return joints [rad] (..., 16) for pads on points [m] (..., 4, 3), as `contacts.solve_pads` says."""
     wanted, outward = points.reshape(-1, 4, 3), normals.reshape(-1, 4, 3)
     seeds, joints = seed.reshape(-1, 16), seed.copy().reshape(-1, 16)
     if not len(wanted) == len(outward) == len(seeds):
