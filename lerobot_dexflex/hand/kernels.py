@@ -9,10 +9,10 @@ Numba keeps what it compiled until this file changes, and the hand's tables are 
 `__pycache__` after a change of `leap.py`. Functions that call each other stay in one file for that reason.
 """
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_dexflex.compiled import compiled
 from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.body import Quaternion
 
@@ -45,7 +45,7 @@ _TIP = np.array([leap.TIP_POSITION[f] for f in leap.FINGERS])
 _PAD = np.array([leap.PAD_POSITION[f] for f in leap.FINGERS])
 
 
-@numba.njit(cache=True)
+@compiled
 def _follow(f: int, angles: Array, origins: Array, axes: Array, rotation: Array) -> None:
     """Follow finger f to its distal link: write origins (4, 3), axes (4, 3) and distal rotation (3, 3)."""
     for i in range(3):
@@ -66,7 +66,7 @@ def _follow(f: int, angles: Array, origins: Array, axes: Array, rotation: Array)
             axes[k, i] = -z
 
 
-@numba.njit(cache=True)
+@compiled
 def _place(local: Array, origin: Array, rotation: Array, point: Array) -> None:
     """Write where a point of the distal link is."""
     for i in range(3):
@@ -74,7 +74,7 @@ def _place(local: Array, origin: Array, rotation: Array, point: Array) -> None:
         point[i] = origin[i] + moved
 
 
-@numba.njit(cache=True)
+@compiled
 def _turning(axes: Array, arms: Array, motions: Array) -> None:
     """Write the motions `axis x arm` of a finger's four joints, each (4, 3)."""
     for k in range(4):
@@ -84,7 +84,7 @@ def _turning(axes: Array, arms: Array, motions: Array) -> None:
         motions[k, 2] = a[0] * r[1] - a[1] * r[0]
 
 
-@numba.njit(cache=True)
+@compiled
 def _damped_step(motions: Array, error: Array, pull: Array, damping: float, step: Array) -> None:
     """Write the step (4,) that solves (J J^T + damping) step = J error + pull, with J = motions (4, n).
 
@@ -111,7 +111,7 @@ def _damped_step(motions: Array, error: Array, pull: Array, damping: float, step
         step[i] /= lower[i, i]
 
 
-@numba.njit(cache=True)
+@compiled
 def _move(f: int, joints: Array, step: Array) -> None:
     """Add a step to the joints (4,) of finger f, within their limits; NaN stays NaN."""
     for k in range(4):
@@ -122,7 +122,7 @@ def _move(f: int, joints: Array, step: Array) -> None:
             joints[k] = UPPER[f, k]
 
 
-@numba.njit(cache=True)
+@compiled
 def frames(joints: Array) -> tuple[Array, Array, Array]:
     """Return the frames of all fingers: see `hand.kinematics.FingerFrames`. Shape of `joints`: (..., 16)."""
     hands, shape = joints.reshape(-1, 16), joints.shape[:-1]
@@ -139,7 +139,7 @@ def frames(joints: Array) -> tuple[Array, Array, Array]:
     )
 
 
-@numba.njit(cache=True)
+@compiled
 def fingertips(joints: Array) -> Array:
     """Return the fingertips [m], shape (..., 4, 3), of hand joints [rad], shape (..., 16)."""
     hands = joints.reshape(-1, 16)
@@ -152,7 +152,7 @@ def fingertips(joints: Array) -> Array:
     return tips.reshape((*joints.shape[:-1], 4, 3))
 
 
-@numba.njit(cache=True)
+@compiled
 def pads(joints: Array) -> tuple[Array, Array]:
     """Return pad centres [m] and outward pad normals, each (..., 4, 3), of hand joints [rad], (..., 16)."""
     hands, shape = joints.reshape(-1, 16), (*joints.shape[:-1], 4, 3)
@@ -167,7 +167,7 @@ def pads(joints: Array) -> tuple[Array, Array]:
     return centres.reshape(shape), normals.reshape(shape)
 
 
-@numba.njit(cache=True)
+@compiled
 def contact_torques(joints: Array, points: Array, forces: Array) -> Array:
     """Return the joint torques [N m], shape (16,), with which the fingertips exert forces.
 
@@ -190,7 +190,7 @@ def contact_torques(joints: Array, points: Array, forces: Array) -> Array:
     return torques
 
 
-@numba.njit(cache=True)
+@compiled
 def solve_fingertips(
     targets: Array, previous: Array, posture_weight: float = POSTURE_WEIGHT, iterations: int = 3
 ) -> Array:
@@ -231,7 +231,7 @@ def solve_fingertips(
     return joints.reshape(previous.shape)
 
 
-@numba.njit(cache=True)
+@compiled
 def solve_pads(points: Array, normals: Array, seed: Array, iterations: int = 12) -> Array:
     """Return joints [rad] (..., 16) for pads on points [m] (..., 4, 3), as `contacts.solve_pads` says."""
     wanted, outward = points.reshape(-1, 4, 3), normals.reshape(-1, 4, 3)

@@ -1,9 +1,9 @@
 """Spread a wrench over contacts fast enough for every control step of an operator."""
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_dexflex.compiled import compiled
 from lerobot_dexflex.hand import contacts
 
 Array = NDArray[np.float64]
@@ -12,7 +12,7 @@ _TORQUE_SCALE, _PRELOAD_WEIGHT = contacts.TORQUE_SCALE, contacts.PRELOAD_WEIGHT
 _SWEEPS = 60
 
 
-@numba.njit(cache=True)
+@compiled
 def balance_forces(
     points: Array, inward: Array, centre: Array, wrench: Array, friction: float, preload: float
 ) -> tuple[Array, float]:
@@ -47,12 +47,12 @@ def balance_forces(
     return forces, float(np.sqrt(_dot(missed, missed)))
 
 
-@numba.njit(cache=True)
+@compiled
 def _cross(a: Array, b: Array) -> Array:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-@numba.njit(cache=True)
+@compiled
 def _dot(a: Array, b: Array) -> float:
     total = 0.0
     for i in range(len(a)):
