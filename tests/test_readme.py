@@ -34,7 +34,7 @@ SHORTER = {
     "lerobot-eval": "--eval.n_episodes=1 --eval.batch_size=1 --env.episode_length=5",
     "lerobot-dataset-viz": "--save=1 --output-dir=outputs/viz --num-workers=0",
     "dexflex-record": "--episodes=1 --workers=0",
-    "compare_interfaces.py": "--methods=raw --episodes=1 --videos=1 --workers=0",
+    "compare_interfaces.py": "--methods=raw --episodes=1 --workers=0",
     "dexflex-corpus": "--jobs.train=1 --jobs.tune=1 --jobs.test=0 --objects_per_job=1 --steps_per_object=120 "
     "--replays.per_shard=16 --workers=0",
     "dexflex-train": "--bank.rows=16 --bank.held_out_rows=8 --bank.n_pure=2 --bank.n_seeded=2 "
