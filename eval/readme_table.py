@@ -1,10 +1,10 @@
-"""Fill the result tables of README.md, eval/README.md and the checkpoints' cards from the committed results.
+"""Fill the result tables of docs/results.md and the checkpoints' cards from the committed results.
 
 python eval/readme_table.py
 
 `<!-- results:NAME -->` ... `<!-- /results -->` is filled from `eval/results/NAME.json`, which is the
-`comparison.json` of a run of `eval/compare_interfaces.py`, the output of `eval/across_tasks.py`, the
-`degraded_commands.json` of `eval/degraded_commands.py`, or that of `eval/selection_regret.py`.
+`comparison.json` of a run of `eval/compare_interfaces.py`, the output of `eval/across_tasks.py`, or the
+`degraded_commands.json` of `eval/degraded_commands.py`.
 """
 
 import json
@@ -25,8 +25,7 @@ def names(text: str) -> list[str]:
 def documents() -> list[Path]:
     """Return the documents that show results."""
     return [
-        ROOT / "README.md",
-        ROOT / "eval/README.md",
+        ROOT / "docs/results.md",
         *sorted((ROOT / "policies/checkpoints").glob("*_*/README.md")),
     ]
 
@@ -60,10 +59,6 @@ def up(document: Path) -> str:
 def _content(result: dict[str, Any], source: str) -> str:
     if "cells" in result:
         return degraded_table(result, source)
-    if "judged" in result:
-        from lerobot_dexflex.evaluation.reach.regret import average_markdown
-
-        return f"{average_markdown(result)}\n\n[{source}]({source})."
     if "columns" in result:
         from lerobot_dexflex.evaluation.report.table import across_markdown
 
