@@ -1,9 +1,13 @@
-"""Run the episodes of a job and keep of each a row of numbers; here is all that decides them."""
+"""Run the episodes of a job and keep of each a row of numbers.
+
+What this imports decides the episodes and their version: nothing of the engine belongs here.
+"""
 
 import hashlib
 import json
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +16,6 @@ from lerobot_dexflex.evaluation.conditions import Condition
 from lerobot_dexflex.evaluation.reach.metrics import Metrics, around_events, measure, relative_error
 from lerobot_dexflex.experts.reach.chains import Chain
 from lerobot_dexflex.interfaces.protocol import Interface
-from lerobot_dexflex.runs.table import Row
 
 BRANCHES = ("draft", "pure", "seeded", "contact")
 """Kinds of candidates that a method may choose among; each has a column, the share of its steps."""
@@ -21,7 +24,9 @@ COLUMNS = ("chain", "steps", "dropped", *Metrics._fields, "around", *BRANCHES)
 its mean in each of `EVENT_LAGS`, words of one text."""
 
 
-def run_episodes(chains: Sequence[Chain], condition: str, interface: Interface, batch: int) -> list[Row]:
+def run_episodes(
+    chains: Sequence[Chain], condition: str, interface: Interface, batch: int
+) -> list[dict[str, Any]]:
     """Run one episode per chain.
 
     Args:
@@ -37,7 +42,7 @@ def run_episodes(chains: Sequence[Chain], condition: str, interface: Interface, 
     return [episode_row(episode) for episode in episodes]
 
 
-def episode_row(episode: Episode, max_steps: int = MAX_STEPS) -> Row:
+def episode_row(episode: Episode, max_steps: int = MAX_STEPS) -> dict[str, Any]:
     """Reduce a finished episode to its row.
 
     Args:

@@ -92,6 +92,6 @@ def _more_tables(summary: Summary, header: list[str]) -> Iterable[str]:
 
 def _origins(benchmark: Benchmark, summary: Summary) -> list[list[str]]:
     """Return where each version's rows come from."""
-    found = Table(benchmark.table).origins()
-    found = found[found["version"].isin(summary.rows["version"].dropna())]
-    return found[list(_ORIGIN)].astype(str).to_numpy().tolist()
+    shown = set(summary.rows["version"].dropna())
+    origins = Table(benchmark.table).origins().to_dict("records")
+    return [[str(row[name]) for name in _ORIGIN] for row in origins if row["version"] in shown]

@@ -55,7 +55,7 @@ class Summary:
 
     def of(self, method: str, condition: str) -> pd.DataFrame:
         """Return the rows of a method under a condition, by their seeds."""
-        return self.rows[(self.rows["method"] == method) & (self.rows["condition"] == condition)]
+        return rows_of(self.rows, method, condition)
 
 
 def summarise(
@@ -81,18 +81,23 @@ def summarise(
     reference = reference or default_reference(methods)
     if reference not in methods:
         raise DexFlexError(f"The reference {reference!r} is none of the methods: {', '.join(methods)}.")
-    rows = rows[rows["method"].isin(methods) & rows["condition"].isin(conditions)].sort_values("seed")
+    wanted = rows["method"].isin(methods) & rows["condition"].isin(conditions)
+    rows = rows.loc[wanted].sort_values(by="seed")
     _check_complete(rows, methods, conditions)
     if averaged := [name for name in conditions if family(name)]:
         rows = pd.concat([rows, _average(rows, averaged)], ignore_index=True)
         conditions = (FAMILIES, *conditions)
     means = {
-        (method, condition): {name: _mean(part[name]) for name in Metrics._fields}
+        (method, condition): _means(rows_of(rows, method, condition))
         for method in methods
         for condition in conditions
-        for part in [rows[(rows["method"] == method) & (rows["condition"] == condition)]]
     }
     return Summary(rows, methods, conditions, reference, means, _tests(rows, methods, conditions, reference))
+
+
+def rows_of(rows: pd.DataFrame, method: str, condition: str) -> pd.DataFrame:
+    """Return the rows of a method under a condition."""
+    return rows.loc[(rows["method"] == method) & (rows["condition"] == condition)]
 
 
 def family(condition: str) -> str | None:
@@ -114,10 +119,9 @@ def default_reference(methods: Sequence[str]) -> str:
 
 def _check_complete(rows: pd.DataFrame, methods: Sequence[str], conditions: Sequence[str]) -> None:
     for condition in conditions:
-        here = rows[rows["condition"] == condition]
-        every = sorted(here["seed"].unique())
+        every = sorted(set(rows.loc[rows["condition"] == condition, "seed"]))
         for method in methods:
-            seeds = here.loc[here["method"] == method, "seed"].tolist()
+            seeds = rows_of(rows, method, condition)["seed"].tolist()
             if len(set(seeds)) < len(seeds):
                 raise DexFlexError(
                     f"{method!r} has several rows of an episode under {condition!r}: choose one `version`."
@@ -144,8 +148,8 @@ def _average(rows: pd.DataFrame, averaged: Sequence[str]) -> pd.DataFrame:
     return pd.DataFrame(found).rename_axis(["method", "seed"]).reset_index().assign(condition=FAMILIES)
 
 
-def _mean(values: pd.Series) -> Mean | None:
-    return mean_interval(values.dropna().astype(float).tolist())
+def _means(rows: pd.DataFrame) -> dict[str, Mean | None]:
+    return {name: mean_interval(rows[name].dropna().tolist()) for name in Metrics._fields}
 
 
 def _tests(

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from lerobot_dexflex.evaluation.reach.episodes import BRANCHES
 from lerobot_dexflex.evaluation.reach.summary import FAMILIES, Summary
 from lerobot_dexflex.runs.statistics import Mean, success_rate
@@ -72,11 +74,15 @@ def split_rows(summary: Summary) -> Rows:
 
 def branch_rows(summary: Summary) -> Rows:
     """Return how often each kind of candidate was executed [%], for methods that choose."""
-    return [
-        [method, condition, *(f"{100 * share:.0f} %" for share in shares)]
+    shares = {
+        (method, condition): [float(summary.of(method, condition)[branch].mean()) for branch in BRANCHES]
         for condition in _run(summary)
         for method in summary.methods
-        if (shares := summary.of(method, condition)[list(BRANCHES)].mean()).notna().all()
+    }
+    return [
+        [*key, *(f"{100 * share:.0f} %" for share in values)]
+        for key, values in shares.items()
+        if np.isfinite(values).all()
     ]
 
 
