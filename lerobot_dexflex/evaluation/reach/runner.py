@@ -63,8 +63,8 @@ class Benchmark:
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
                 raise DexFlexError(f"`{name}` must be one or more different names. Got {', '.join(values)}.")
-        for method in self.methods:
-            Method.parse(method)
+        for name in self.methods:
+            _check_spelling(name, Method.parse(name).name)
         for name in self.conditions:
             _check_condition(name)
 
@@ -143,10 +143,13 @@ def run(benchmark: Benchmark, workers: int = 2, quiet: bool = False) -> pd.DataF
     )
 
 
+def _check_spelling(name: str, canonical: str) -> None:
+    if name != canonical:  # Under another name its rows would run again.
+        raise DexFlexError(f"Write {name!r} as {canonical!r}.")
+
+
 def _check_condition(name: str) -> None:
-    found = Condition.parse(name).name
-    if found != name:
-        raise DexFlexError(f"Write the condition {name!r} as {found!r}.")
+    _check_spelling(name, Condition.parse(name).name)
     if disturbed := sorted(set(name.split("+")) & set(DISTURBANCES)):
         raise DexFlexError(
             f"The in-hand benchmark spoils commands only; it has no {', '.join(disturbed)} hand. Valid in "

@@ -34,7 +34,7 @@ def test_progress_of_the_grid_is_found_by_candidates_and_evaluations(script, loa
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--methods=magic"], "Unknown method 'magic'"),
+        (["--methods=magic"], "'magic'"),
         (["--conditions=rain_2mm"], "rain"),
         (["--workers=-1"], "`workers` must not be negative"),
         (["--episodes=-1"], "`episodes` must not be negative"),

@@ -42,7 +42,9 @@ def test_a_digest_tells_chains_apart():
 
 def test_the_clean_operator_is_raw_whatever_happens_to_its_commands(monkeypatch):
     monkeypatch.setattr("lerobot_dexflex.commands.loop.GOAL_STEPS", 2)  # Eight goals in sixteen steps.
-    chains = [build_chain(ReachEnv(cameras=()), 50_001, verify=False)]
+    built = build_chain(ReachEnv(cameras=()), 50_001, verify=False)
+    assert built is not None
+    chains = [built]
     (wanted,) = run_episodes(chains, "clean", RawInterface(), 1)
     (found,) = run_episodes(chains, "noise_4mm", CleanInterface(), 1)
     (spoilt,) = run_episodes(chains, "noise_4mm", RawInterface(), 1)

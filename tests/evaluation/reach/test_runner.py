@@ -27,15 +27,16 @@ def loop(monkeypatch):
     runs = []
 
     def run_chains(chains, errors, interface, *, batch):
-        runs.append((interface.name, errors.name, [c.seed for c in chains]))
+        name = interface.name.partition(":")[0]
+        runs.append((name, errors.name, [c.seed for c in chains]))
         removal = errors.name.startswith("removal")
         return [
             episode(
                 40,
                 label=0.004,
-                executed=0.002 if interface.name == "shrink" else 0.004,
-                dropped=removal and interface.name == "raw" and c.seed % 4 == 0,
-                progress=0.25 if removal and interface.name == "raw" else 0.75,
+                executed=0.002 if name == "shrink" else 0.004,
+                dropped=removal and name == "raw" and c.seed % 4 == 0,
+                progress=0.25 if removal and name == "raw" else 0.75,
                 event=range(10, 18) if removal else (),
                 seed=c.seed,
             )
@@ -162,7 +163,7 @@ def test_oracles_run_fewer_episodes(tmp_path):
         ({"conditions": ("clean", "clean")}, "`conditions` must be one or more different names"),
         ({"episodes": 0}, "`episodes` must be at least 1"),
         ({"batch": 0}, "`batch` must be at least 1"),
-        ({"conditions": ("noise_2.0mm",)}, "Write the condition 'noise_2.0mm' as 'noise_2mm'"),
+        ({"conditions": ("noise_2.0mm",)}, "Write 'noise_2.0mm' as 'noise_2mm'"),
         ({"conditions": ("removal_2mm+heavy",)}, "no heavy hand"),
     ],
 )
