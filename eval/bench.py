@@ -3,7 +3,6 @@
 python eval/bench.py
 """
 
-import argparse
 import json
 import os
 import re
@@ -12,6 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ import torch
 from gymnasium.vector import AsyncVectorEnv
 
 import lerobot_dexflex  # noqa: F401  (registers the tasks and chooses the renderer)
+from lerobot_dexflex import console
 from lerobot_dexflex.envs.hand_env import CAMERAS
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.experts import make_expert
@@ -38,8 +39,8 @@ HELD_AFTER = 66
 SWAY = 0.05
 """Amplitude of the wrist motion while measuring [rad]."""
 WINDOW, WINDOWS = 20, 10
-GRID = Path("eval/results/degraded_grid.json")
-"""Result of `eval/degraded_commands.py --grid`; its progress is shown beside the latency."""
+GRID = Path("eval/results/reach.csv")
+"""Rows of `eval/degraded_commands.py --grid`; their progress is shown beside the latency."""
 
 
 class HeldHammer(gymnasium.Wrapper):
@@ -179,39 +180,67 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
     }
 
 
-def grid_progress(result: Path) -> dict[tuple[int, int], float]:
-    """Return the mean progress by numbers of candidates and evaluations; empty without the file."""
-    from lerobot_dexflex.evaluation.reach.methods import Method, selection_settings
+def grid_progress(table: Path) -> dict[tuple[int, int], float]:
+    """Return the mean progress by numbers of candidates and evaluations, all errors together.
 
-    if not result.is_file():
+    Args:
+        table: Rows of the benchmark; without the file the answer is empty.
+    """
+    import pandas as pd
+
+    from lerobot_dexflex.controller import SelectionSettings
+    from lerobot_dexflex.evaluation.reach.methods import Method
+
+    if not table.is_file():
         return {}
     found = {}
-    for name, numbers in json.loads(result.read_text())["families"].items():
-        settings = selection_settings(None, dict(Method.parse(name).options))
-        found[settings.n_candidates, settings.nfe] = numbers["progress"]["mean"]
+    for name, progress in pd.read_csv(table).groupby("method")["progress"].mean().items():
+        method = Method.parse(str(name))
+        if method.base == "dexflex" and {"n_pure", "n_seeded", "nfe"} == set(dict(method.options)):
+            settings = SelectionSettings(**dict(method.options))
+            found[settings.n_candidates, settings.nfe] = float(progress)
     return found
 
 
-def main() -> None:
+@dataclass
+class Config:
+    """Measure control steps, decisions of learned interfaces and training steps."""
+
+    workers: int = 2
+    """Worker processes."""
+    controller: str = ""
+    """Folder or hub id of a controller; empty: the shipped one."""
+    steps: int = 400
+    """Timed decisions per interface."""
+    decisions_only: bool = False
+    """Time learned interfaces and no more."""
+    json: Path | None = None
+    """Also write the numbers to this file."""
+
+
+def main(arguments: list[str] | None = None) -> int:
     """Print the table; the fastest windows are shown, because other work on the machine only slows down.
 
     Decisions are shown with their percentiles instead: what matters in a control loop is its slow steps.
     """
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--workers", type=int, default=2, help="worker processes; default 2")
-    options.add_argument("--controller", default="", help="folder or hub id; default: the shipped one")
-    options.add_argument("--steps", type=int, default=400, help="timed decisions per interface; default 400")
-    options.add_argument("--decisions-only", action="store_true", help="time learned interfaces and no more")
-    options.add_argument("--json", type=Path, help="also write the numbers to this file")
-    arguments = options.parse_args()
+    return console.run(Config, _work, arguments)
+
+
+def _work(config: Config, words: list[str]) -> int:
+    del words
     torch.set_num_threads(1)
-    decided = decisions(arguments.controller, arguments.steps)
-    if arguments.decisions_only:
-        if arguments.json:
-            arguments.json.write_text(json.dumps({"decisions": decided}, indent=2))
-        return
+    found: dict[str, Any] = {"decisions": decisions(config.controller, config.steps)}
+    if not config.decisions_only:
+        found |= simulation(config.workers)
+    if config.json:
+        config.json.write_text(json.dumps(found, indent=2))
+    return 0
+
+
+def simulation(workers: int) -> dict[str, Any]:
+    """Print and return control steps per second and what their parts, a policy and a training step cost."""
     parts = part_costs()
-    rates = environment_rates(arguments.workers)
+    rates = environment_rates(workers)
     rates["bare mj_step of the same model, one core"] = 1 / (SUBSTEPS * parts["bare mj_step"])
     parts |= policy_costs(Path("policies/checkpoints/place_hammer_draft"))
     parts |= training_costs(Path("configs/policy/place_hammer_draft.yaml"))
@@ -222,10 +251,8 @@ def main() -> None:
     print("\ncost of parts")
     for name, seconds in parts.items():
         print(f"  {name:38}{1e3 * seconds:10.3f} ms")
-    if arguments.json:
-        found = {"control_steps_per_second": rates, "seconds": parts, "decisions": decided}
-        arguments.json.write_text(json.dumps(found, indent=2))
+    return {"control_steps_per_second": rates, "seconds": parts}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

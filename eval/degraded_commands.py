@@ -1,21 +1,24 @@
 """Degrade an operator's commands and compare who recovers the intent: tables, tests, a report with a film.
 
-python eval/degraded_commands.py --methods raw,shrink:0.5,dexflex --cells clean,removal_2mm --episodes 300
+python eval/degraded_commands.py --methods=raw,shrink:0.5,dexflex --conditions=clean,removal_2mm
 
-Interrupt with Ctrl-C and run the same command again to continue; more methods, cells or episodes extend it.
+Interrupt with Ctrl-C and run the same command again to continue; more methods, conditions or episodes extend
+it.
 """
 
-import argparse
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
+from lerobot_dexflex import console
 from lerobot_dexflex.errors import DexFlexError
 
 METHODS = (
     "raw,filter,hold,shrink:0.5,shrink:0.7,clip:0.0015,reflex,dexgen,dexgen@0.7,dexflex,dexflex@0.7,clean"
 )
-CELLS = "clean,noise_1mm,noise_2mm,scale_1.5,delay_2,removal_2mm,removal_3mm"
+CONDITIONS = "clean,noise_1mm,noise_2mm,scale_1.5,delay_2,removal_2mm,removal_3mm"
+EPISODES = 300
 ABLATION_METHODS = tuple(
     f"dexflex-{name}" for name in ("noscore", "notouch", "noconsequence", "nopure", "noseeded", "noslow")
 )
@@ -25,86 +28,92 @@ GRID_METHODS = tuple(
     for evaluations in (1, 4)
 )
 OUTPUT = Path("outputs/degraded")
-DEMO = {"methods": "raw,shrink:0.5,reflex", "cells": "clean,removal_3mm", "episodes": 8}
+DEMO_METHODS, DEMO_CONDITIONS, DEMO_EPISODES = "raw,shrink:0.5,reflex", "clean,removal_3mm", 8
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the command line."""
-    command = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
-    )
-    add = command.add_argument
-    add(
-        "--methods",
-        help=f"name[-ablation][:options][@gain],...; also oracle, oracle:clean; default {METHODS}",
-    )
-    add("--cells", help=f"conditions, also scale_0.5, bias_1mm, clean_unverified; default {CELLS}")
-    add("--ablations", action="store_true", help="also run the six ablations of dexflex")
-    add("--grid", action="store_true", help="also run dexflex by numbers of candidates and evaluations")
-    add("--episodes", type=int, help="per method and cell; default 300")
-    add("--oracle-episodes", type=int, default=48, help="per cell for oracles, which are slow; default 48")
-    add("--controller", type=Path, help="folder of the trained controller; default: the shipped one")
-    add("--reference", help="method that all others are tested against; default dexflex")
-    add("--tuning", action="store_true", help="on the tuning objects: for choosing gains and settings")
-    add("--workers", type=int, default=2, help="worker processes; does not change results; default 2")
-    add("--batch", type=int, default=16, help="hands side by side in a worker; default 16")
-    add("--group", type=int, default=100, help="episodes run and stored together; default 100")
-    add("--output", type=Path, help="folder; default outputs/degraded/{test,tuning}")
-    add("--chains", type=Path, default=OUTPUT / "chains", help="folder of goal chains, built where missing")
-    add("--no-films", action="store_true", help="do not run an episode again to film it")
-    add("--demo", action="store_true", help="a few episodes of methods that need no training")
-    return command
+@dataclass
+class Config:
+    """Compare methods under degraded commands on the same episodes of moving an object in the hand."""
+
+    methods: str = ""
+    """`name[-ablation][:options][@gain],...`; also the upper bounds `clean`, `oracle`, `oracle:clean`. Empty:
+    twelve, see `METHODS`."""
+    conditions: str = ""
+    """What goes wrong, separated by commas, such as `removal_2mm` or `delay_2+unverified`. Empty:
+    seven, see `CONDITIONS`."""
+    ablations: bool = False
+    """Also run the six ablations of dexflex."""
+    grid: bool = False
+    """Also run dexflex by numbers of candidates and function evaluations."""
+    episodes: int = 0
+    """Per method and condition; 0 means 300, or 8 with `demo`."""
+    oracle_episodes: int = 48
+    """Per condition for oracles, which are slow."""
+    controller: str = ""
+    """Folder or hub id of the trained controller; empty: the shipped one."""
+    reference: str = ""
+    """Method that all others are tested against; empty: dexflex."""
+    tuning: bool = False
+    """Run on the tuning objects: for choosing gains and settings."""
+    workers: int = 2
+    """Worker processes; 0 runs in this one."""
+    batch: int = 16
+    """Hands side by side in a worker."""
+    group: int = 100
+    """Episodes that are run and stored together."""
+    output: Path | None = None
+    """Folder; `outputs/degraded/{test,tuning,demo}` if not given."""
+    chains: Path = OUTPUT / "chains"
+    """Folder of goal chains, built where missing."""
+    films: bool = True
+    """Run an episode again to film it."""
+    demo: bool = False
+    """Run a few episodes of methods that need no training."""
+
+    def __post_init__(self) -> None:
+        if self.workers < 0:
+            raise DexFlexError(f"`workers` must not be negative. Got {self.workers}.")
+        if self.episodes < 0:
+            raise DexFlexError(f"`episodes` must not be negative. Got {self.episodes}.")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
-    try:
-        _run(options)
-    except DexFlexError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nInterrupted; finished episodes are kept. The same command continues.", file=sys.stderr)
-        return 130
-    return 0
+    return console.run(Config, _work, arguments)
 
 
-def _run(options: argparse.Namespace) -> None:
+def _work(config: Config, words: list[str]) -> int:
+    del words
     # Seconds of imports that --help and a mistyped option need not pay.
-    from lerobot_dexflex.evaluation.reach.report import make_result, write_report
+    from lerobot_dexflex.evaluation.reach.report import write_report
     from lerobot_dexflex.evaluation.reach.runner import Benchmark, run
+    from lerobot_dexflex.evaluation.reach.summary import summarise
     from lerobot_dexflex.evaluation.reach.tables import markdown
 
-    if options.workers < 0:
-        raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")
-    defaults = DEMO if options.demo else {"methods": METHODS, "cells": CELLS, "episodes": 300}
-    chosen = {
-        key: value if (value := getattr(options, key)) is not None else default
-        for key, default in defaults.items()
-    }
-    kind = "demo" if options.demo else "tuning" if options.tuning else "test"
-    variants = (*ABLATION_METHODS * options.ablations, *GRID_METHODS * options.grid)
+    methods, conditions, episodes = METHODS, CONDITIONS, EPISODES
+    if config.demo:
+        methods, conditions, episodes = DEMO_METHODS, DEMO_CONDITIONS, DEMO_EPISODES
+    kind = "demo" if config.demo else "tuning" if config.tuning else "test"
+    variants = (*ABLATION_METHODS * config.ablations, *GRID_METHODS * config.grid)
     benchmark = Benchmark(
-        methods=(*_names(chosen["methods"]), *variants),
-        cells=_names(chosen["cells"]),
-        output=options.output or OUTPUT / kind,
-        chains=options.chains,
-        episodes=chosen["episodes"],
-        oracle_episodes=options.oracle_episodes,
-        controller=options.controller,
-        tuning=options.tuning or options.demo,
-        group=options.group,
-        batch=options.batch,
+        methods=(*_names(config.methods or methods), *variants),
+        conditions=_names(config.conditions or conditions),
+        output=config.output or OUTPUT / kind,
+        chains=config.chains,
+        episodes=config.episodes or episodes,
+        oracle_episodes=config.oracle_episodes,
+        controller=config.controller,
+        tuning=config.tuning or config.demo,
+        group=config.group,
+        batch=config.batch,
     )
-    print(
-        f"{len(benchmark.methods)} methods in {len(benchmark.cells)} cells into {benchmark.output}",
-        flush=True,
-    )
-    store, records = run(benchmark, options.workers)
-    result = make_result(benchmark, store, records, options.reference)
-    page = write_report(benchmark, result, records, films=not options.no_films)
-    print(f"\n{markdown(result)}\n\nReport: {page}")
+    count = f"{len(benchmark.methods)} methods under {len(benchmark.conditions)} conditions"
+    print(f"{count} into {benchmark.table}", flush=True)
+    rows = run(benchmark, config.workers)
+    summary = summarise(rows, benchmark.methods, benchmark.conditions, config.reference or None)
+    page = write_report(benchmark, summary, films=config.films)
+    print(f"\n{markdown(summary)}\n\nReport: {page}")
+    return 0
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -1,54 +1,59 @@
 """Search the contact projection's settings at random, on training objects, and say what each is worth.
 
-python eval/search_projection.py --trials 200
+python eval/search_projection.py --trials=200
 
 Interrupt with Ctrl-C and run the same command again to continue; more trials extend it.
 """
 
-import argparse
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
+from lerobot_dexflex import console
 from lerobot_dexflex.errors import DexFlexError
 
 OUTPUT = Path("outputs/degraded")
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the command line."""
-    command = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
-    )
-    add = command.add_argument
-    add("--trials", type=int, default=200, help="settings to draw, 16 episodes each; default 200")
-    add("--chains-per-search", type=int, default=250, help="starts to draw from; default 250")
-    add("--controller", type=Path, help="folder of a controller; default: the shipped one")
-    add("--workers", type=int, default=2, help="worker processes; does not change results; default 2")
-    add("--output", type=Path, default=OUTPUT / "search", help="folder; default outputs/degraded/search")
-    add("--chains", type=Path, default=OUTPUT / "chains", help="folder of goal chains, built where missing")
-    return command
+@dataclass
+class Config:
+    """Search the contact projection's settings at random."""
+
+    trials: int = 200
+    """Settings to draw, 16 episodes each."""
+    n_chains: int = 250
+    """Starts to draw from."""
+    controller: str = ""
+    """Folder or hub id of a controller; empty: the shipped one."""
+    workers: int = 2
+    """Worker processes; 0 runs in this one. The rows do not depend on it."""
+    output: Path = OUTPUT / "search"
+    """Folder of the table."""
+    chains: Path = OUTPUT / "chains"
+    """Folder of goal chains, built where missing."""
+
+    def __post_init__(self) -> None:
+        for name in ("trials", "n_chains"):
+            if getattr(self, name) < 1:
+                raise DexFlexError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
+        if self.workers < 0:
+            raise DexFlexError(f"`workers` must not be negative. Got {self.workers}.")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
+    return console.run(Config, _work, arguments)
+
+
+def _work(config: Config, words: list[str]) -> int:
+    del words
     from lerobot_dexflex.evaluation.reach.search import Search, fit, run_search
 
-    search = Search(options.output, options.chains, options.chains_per_search, options.controller)
-    try:
-        trials = run_search(search, options.trials, options.workers)
-        effects = fit(trials)
-    except DexFlexError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nInterrupted; finished trials are kept. The same command continues.", file=sys.stderr)
-        return 130
-    episodes = [value for trial in trials for value in trial.progress]
-    print(
-        f"\n{len(trials)} trials, {len(episodes)} episodes, mean progress {sum(episodes) / len(episodes):.3f}"
-    )
+    search = Search(config.output, config.chains, config.n_chains, config.controller)
+    rows = run_search(search, config.trials, config.workers)
+    effects = fit(rows)
+    print(f"\n{config.trials} trials, {len(rows)} episodes, mean progress {rows['progress'].mean():.3f}")
     print("\n| setting | half the range is worth | best |\n| --- | --- | --- |")
     for effect in effects:
         print(f"| {effect.name} | {effect.slope:+.3f} ± {effect.error:.3f} | {effect.best:.4g} |")

@@ -1,7 +1,7 @@
 """How long one hand waits for a decision of a learned interface."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -67,12 +67,15 @@ def interfaces_at_defaults(networks: Networks) -> dict[str, Interface]:
     }
 
 
-def measure(interfaces: Mapping[str, Interface], steps: int) -> dict[str, Latency]:
+def measure(
+    interfaces: Mapping[str, Interface], steps: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, Latency]:
     """Time single control steps of one hand; the interfaces take turns, so that all see the same machine.
 
     Args:
         interfaces: By name; they read drafts of fingertip displacements.
         steps: Steps that are timed, after a few that are not.
+        clock: Returns the time [s].
     """
     observation, draft = _inputs()
     taxels = torch.rand(64, 1, 240, generator=torch.Generator().manual_seed(0))
@@ -80,9 +83,9 @@ def measure(interfaces: Mapping[str, Interface], steps: int) -> dict[str, Latenc
     for k in range(steps + _WARM_UP):
         seen = {**observation, "observation.tactile": 0.1 * taxels[k % 64]}
         for name, interface in interfaces.items():
-            begin = time.perf_counter()
+            begin = clock()
             interface.step(seen, draft)
-            times[name].append(time.perf_counter() - begin)
+            times[name].append(clock() - begin)
     return {name: Latency(*np.percentile(t[_WARM_UP:], (50, 95, 99)).tolist()) for name, t in times.items()}
 
 

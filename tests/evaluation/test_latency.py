@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
@@ -10,11 +12,38 @@ def networks(controller_folder):
     return latency.load_networks(controller_folder)
 
 
-def test_percentiles_of_all_interfaces_come_from_the_same_run(networks):
-    found = latency.measure(latency.interfaces_at_defaults(networks), 5)
+class Slow:
+    """Takes as many seconds as it was told, step by step."""
+
+    def __init__(self, clock, seconds):
+        self.clock, self.seconds = clock, iter(seconds)
+
+    def step(self, observation, draft):
+        assert observation["observation.tactile"].shape == (1, 240)
+        self.clock.now += next(self.seconds)
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_percentiles_are_of_the_steps_after_the_warm_up():
+    clock, warm = Clock(), [1000.0] * latency._WARM_UP
+    slow = Slow(clock, [*warm, *range(100, -1, -1)])
+    even = Slow(clock, [*warm, *[0.5] * 101])
+    interfaces: Any = {"slow": slow, "even": even}
+    found = latency.measure(interfaces, 101, clock)
+    assert found["slow"] == pytest.approx((50, 95, 99))
+    assert found["even"] == pytest.approx((0.5, 0.5, 0.5))
+
+
+def test_interfaces_are_timed_as_they_run_by_default(networks):
+    found = latency.interfaces_at_defaults(networks)
     assert list(found) == ["raw", "dexgen", "dexflex, 16 candidates", "dexflex, 64 candidates"]
-    assert all(0 < times.p50 <= times.p95 <= times.p99 for times in found.values())
-    assert found["raw"].p50 < found["dexflex, 64 candidates"].p50
+    assert set(latency.measure(found, 1)) == set(found)
 
 
 def test_the_grid_counts_the_draft_among_the_candidates(networks, monkeypatch):

@@ -131,7 +131,7 @@ def test_the_raw_draft_is_explained_alike_whether_or_not_it_is_a_candidate(contr
         ({"n_pure": 0, "n_seeded": 0}, {"draft"}),
         ({"use_score": False}, {"pure", "seeded"}),
         ({"project": True, "contact_bias": 1e6}, {"contact"}),
-        ({"project": True, "contact_bias": 0.0}, {"draft", "pure", "seeded", "contact"}),
+        ({"project": True, "contact_bias": -1e6}, {"draft", "pure", "seeded"}),
     ],
 )
 def test_switches_decide_where_candidates_come_from(controller, switches, branches):

@@ -1,7 +1,6 @@
 """Chains on disk: verified once, used by every method; built by the same command that needs them."""
 
 import functools
-import hashlib
 import json
 import os
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from tqdm import tqdm
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.reach.chains import Chain, build_chain
+from lerobot_dexflex.runs.lock import locked
 from lerobot_dexflex.runs.workers import run_each
 
 TUNING_SEED, TEST_SEED = 50_000, 100_000
@@ -43,27 +43,31 @@ class ChainBook:
             workers: Worker processes; 0 builds in this process.
             quiet: Show no progress bar.
             build: Builds the chain of a seed, or finds none; `build_in_simulator` if None.
+
+        Raises:
+            DexFlexError: If chains are missing and another process builds some in the same folder.
         """
+        if self._found(self._read()) < count:
+            with locked(self.path.parent):
+                self._build(count, workers, quiet, build or build_in_simulator)
+
+    def _build(self, count: int, workers: int, quiet: bool, build: Build) -> None:
         known = self._read()
-        missing = count - sum(chain is not None for chain in self._in_order(known))
-        if missing <= 0:
-            return
         _end_last_line(self.path)
-        job = functools.partial(_build_line, self.path, self.verified, build or build_in_simulator)
+        job = functools.partial(_build_line, self.path, self.verified, build)
         waiting = self.first_seed
+        started: set[int] = set()
 
         def next_seed(running: int) -> int | None:
             nonlocal waiting
-            found = sum(chain is not None for chain in self._in_order(known))
-            if found + running >= count:
+            if self._found(known) + running >= count:
                 return None  # Those that are running may be enough.
             while waiting in known or waiting in started:
                 waiting += 1
             started.add(waiting)
             return waiting
 
-        started: set[int] = set()
-        with tqdm(total=missing, unit="chain", desc=self.path.stem, disable=quiet) as bar:
+        with tqdm(total=count, initial=self._found(known), desc=self.path.stem, disable=quiet) as bar:
             for seed, chain in run_each(job, next_seed, workers):
                 known[seed] = chain
                 bar.update(chain is not None)
@@ -80,6 +84,9 @@ class ChainBook:
                 f"{self.path} holds {len(chains)} chains in a row, {count} are needed; build them."
             )
         return chains
+
+    def _found(self, known: dict[int, Chain | None]) -> int:
+        return sum(chain is not None for chain in self._in_order(known))
 
     def _in_order(self, known: dict[int, Chain | None]) -> list[Chain | None]:
         """Return the chains of the seeds known without a gap: their order does not depend on who was fast."""
@@ -99,11 +106,6 @@ class ChainBook:
                 continue
             known[row["seed"]] = None if row["chain"] is None else Chain.from_json(row["chain"])
         return known
-
-
-def chain_digest(chain: Chain) -> str:
-    """Return a short digest of start and goals."""
-    return hashlib.sha256(json.dumps(chain.to_json(), sort_keys=True).encode()).hexdigest()[:8]
 
 
 def build_in_simulator(seed: int, verified: bool) -> Chain | None:

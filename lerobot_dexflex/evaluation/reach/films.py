@@ -1,71 +1,93 @@
-"""Film and record one episode under several methods, run again for that purpose."""
+"""Run one episode again under several methods, to film, record and draw it."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from lerobot_dexflex.commands.loop import Slot, run_chains
+import pandas as pd
+
+from lerobot_dexflex.commands.loop import Episode, Privileged, Slot, run_chains
 from lerobot_dexflex.envs.rendering import Camera
+from lerobot_dexflex.evaluation.conditions import Condition
 from lerobot_dexflex.evaluation.policies import ObservedInterface
-from lerobot_dexflex.evaluation.reach.cells import Cell
 from lerobot_dexflex.evaluation.reach.methods import Method
-from lerobot_dexflex.evaluation.reach.record import Record, make_record
 from lerobot_dexflex.evaluation.report.film import Film, side_by_side
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.experts.reach.chains import Chain
 
 
-def choose_episode(records: Sequence[Record], cell: str, saved_by: str) -> int | None:
-    """Return the first episode that raw drops and another method does not; None if there is none.
+class Ending(NamedTuple):
+    """What a film tells of its episode."""
+
+    interface: str
+    """The method."""
+    episode: int
+    """The seed."""
+    steps: int
+    ending: str
+    """`success`, `dropped` or `time out`."""
+
+
+class Shown(NamedTuple):
+    """An episode that was run again."""
+
+    film: Path
+    """All methods side by side."""
+    episodes: dict[str, Episode]
+    """By method."""
+
+
+def choose_episode(rows: pd.DataFrame, condition: str, saved_by: str) -> int | None:
+    """Return the seed of the first episode that raw drops and another method does not; None without any.
 
     It is a selection, and a report has to say so.
     """
-    here = [r for r in records if r.cell == cell]
-    fallen = {r.episode for r in here if r.method == "raw" and r.dropped}
-    held = {r.episode for r in here if r.method == saved_by and not r.dropped}
-    return min(fallen & held, default=None)
+    here = rows[rows["condition"] == condition]
+    fallen = here.loc[(here["method"] == "raw") & here["dropped"].astype(bool), "seed"]
+    held = here.loc[(here["method"] == saved_by) & ~here["dropped"].astype(bool), "seed"]
+    return min(set(fallen) & set(held), default=None)
 
 
-def film(
-    chain: Chain, index: int, cell: str, methods: Sequence[str], folder: Path, controller: Path | None
-) -> Path:
+def show_episode(
+    chain: Chain, condition: str, methods: Sequence[str], folder: Path, controller: str = ""
+) -> Shown:
     """Run an episode under every method, alone, and lay the films side by side; also writes rerun recordings.
 
     Args:
         chain: The episode's chain.
-        index: Its number.
-        cell: How its commands are degraded.
+        condition: What goes wrong.
         methods: Which methods.
         folder: Folder of the benchmark; writes into `videos` and `rerun`.
-        controller: Folder of the trained controller.
-
-    Returns:
-        The film of all.
+        controller: Folder or hub id of the trained controller; the shipped one if empty.
     """
-    clips = []
+    clips: list[Path] = []
+    episodes: dict[str, Episode] = {}
     for name in methods:
-        method, stem = Method.parse(name), f"{cell}_{index:04d}_{name.replace(':', '_')}"
+        stem = f"{condition}_{chain.seed}_{name.replace(':', '_')}"
         clips.append(folder / "videos" / f"{stem}.mp4")
-        interface = _Observed(method.make(controller))
-        watcher = _Watcher(
-            interface, Film(clips[-1]), RerunLog(folder / "rerun" / f"{stem}.rrd", name, index)
-        )
-        corruption = Cell.parse(cell).corruption
-        episode = run_chains([chain], corruption, interface, teacher=method.teacher, watch=watcher)[0]
-        identity: dict[str, Any] = {"method": name, "cell": cell, "index": index, "chain": "", "version": ""}
-        watcher.close(make_record(episode, **identity, group=(index, index + 1), traced=False))
-    path = folder / "videos" / f"{cell}_{index:04d}_side_by_side.mp4"
+        interface = _Observed(Method.parse(name).make(controller))
+        log = RerunLog(folder / "rerun" / f"{stem}.rrd", name, chain.seed)
+        watcher = _Watcher(interface, Film(clips[-1]), log)
+        errors = Condition.parse(condition).errors
+        (episodes[name],) = run_chains([chain], errors, interface, watch=watcher)
+        watcher.close(_ending(name, episodes[name]))
+    path = folder / "videos" / f"{condition}_{chain.seed}_side_by_side.mp4"
     side_by_side(clips, path)
-    return path
+    return Shown(path, episodes)
+
+
+def _ending(method: str, episode: Episode) -> Ending:
+    ending = "dropped" if episode.dropped else "success" if episode.progress == 1.0 else "time out"
+    return Ending(method, episode.chain.seed, episode.steps, ending)
 
 
 class _Observed(ObservedInterface):
-    """An observed interface that explains itself if the inner one does."""
+    """Lets an upper bound look on."""
 
-    @property
-    def explanation(self) -> Any:
-        """The inner interface's explanation of its last step, or None."""
-        return getattr(self._inner, "explanation", None)
+    def see(self, slots: Sequence[Slot | None]) -> None:
+        """Look at the running episodes, if the inner interface does; see `Privileged`."""
+        if isinstance(self._inner, Privileged):
+            self._inner.see(slots)
 
 
 class _Watcher:
@@ -91,10 +113,10 @@ class _Watcher:
         if slot.episode.explanations:
             self._log.scalars(flat(slot.episode.explanations[-1]))
 
-    def close(self, record: Record) -> None:
+    def close(self, ending: Ending) -> None:
         """Write film and recording."""
-        self._film.close(record)
-        self._log.close(record)
+        self._film.close(ending)
+        self._log.close(ending)
 
 
 def flat(explanation: dict[str, Any], path: str = "") -> dict[str, float]:

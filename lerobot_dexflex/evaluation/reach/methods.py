@@ -1,15 +1,12 @@
 """The methods under test by name: interfaces with options, ablations and gains, and the upper bounds."""
 
 import functools
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.provenance import code_digest
+from lerobot_dexflex.interfaces.controller_folder import FILES, controller_of
 from lerobot_dexflex.interfaces.gain import GainInterface
 from lerobot_dexflex.interfaces.protocol import Interface
 from lerobot_dexflex.interfaces.registry import INTERFACES, make_interface
@@ -21,7 +18,7 @@ _MAIN_OPTION = {"shrink": "gain", "clip": "limit", "dexgen": "guidance", ORACLE:
 """What a bare option means."""
 _LEARNED = ("dexgen", "dexflex", ORACLE)
 
-Teacher = Callable[[np.random.Generator], Iterator[bool]]
+_UPPER_BOUNDS = {CLEAN: "clean", ORACLE: "oracle"}
 
 
 @dataclass(frozen=True)
@@ -68,27 +65,26 @@ class Method:
         return self.base in _LEARNED
 
     @property
-    def teacher(self) -> Teacher | None:
-        """Which steps execute the clean command instead of the draft; None if none does."""
-        return _always if self.base == CLEAN else None
+    def modules(self) -> tuple[str, ...]:
+        """Names of the modules that it is made from."""
+        here = __name__.rpartition(".")[0]
+        bound = _UPPER_BOUNDS.get(self.base)
+        module = f"{here}.{bound}" if bound else INTERFACES[self.base].module
+        return (module,) if self.gain == 1.0 else (module, GainInterface.__module__)
 
-    def version(self, controller: Path | None) -> str:
-        """Return a digest of the code and weights that decide what the method does.
+    def weights(self, controller: str | Path | None = None) -> tuple[Path, ...]:
+        """Return the files of the controller that decide what it does.
 
         Raises:
             DexFlexError: If it needs a controller that is not there.
         """
         if not self.learned:
-            names = ("protocol", "commanded_hand", "raw", "gain", "raw" if self.base == CLEAN else self.base)
-            return code_digest(sorted({f"interfaces/{name}.py" for name in names}), policies=False)
-        from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
-
+            return ()
         kind = "dexgen" if self.base == "dexgen" else "dexflex"
-        weights = controller_digest(controller_of(kind, controller), kind)
-        code = ("interfaces", "controller", *(("evaluation/reach/oracle.py",) * (self.base == ORACLE)))
-        return f"{code_digest(code, policies=False)}.{weights}"
+        folder = controller_of(kind, controller or None)
+        return tuple(folder / name for name in FILES[kind])
 
-    def make(self, controller: Path | None) -> Interface:
+    def make(self, controller: str | Path | None = None) -> Interface:
         """Build the interface.
 
         Args:
@@ -105,14 +101,14 @@ class Method:
             raise DexFlexError(
                 f"{self.name!r} has an option that {self.base!r} does not take: {error}"
             ) from error
-        if self.base == CLEAN:
-            inner.name = CLEAN
         return inner if self.gain == 1.0 else GainInterface(inner, self.gain)
 
-    def _inner(self, controller: Path | None) -> Interface:
+    def _inner(self, controller: str | Path | None) -> Interface:
         options = dict(self.options)
         if self.base == CLEAN:
-            return make_interface("raw", **options)
+            from lerobot_dexflex.evaluation.reach.clean import CleanInterface
+
+            return CleanInterface(**options)
         if self.base == "dexgen":
             return make_interface("dexgen", controller=controller, **options)
         if not self.learned:
@@ -153,7 +149,7 @@ def selection_settings(ablation: str | None, options: dict[str, Any]) -> Any:
 
 
 @functools.cache
-def shared_controller(folder: Path | None) -> Any:
+def shared_controller(folder: str | Path | None) -> Any:
     """Load a controller once per process; interfaces keep their state beside it."""
     from lerobot_dexflex.controller import DexFlexController
     from lerobot_dexflex.interfaces.controller_folder import find_controller
@@ -181,9 +177,3 @@ def _value(text: str) -> Any:
         except ValueError:
             continue
     return text
-
-
-def _always(rng: np.random.Generator) -> Iterator[bool]:
-    del rng
-    while True:
-        yield True

@@ -13,8 +13,10 @@ Array = NDArray[np.float64]
 
 EPSILON = 0.002
 """Regularises relative errors where a command stands still [m]; as large as a median clean command."""
-EVENT_LAGS = np.arange(-8, 25)
-"""Control steps around the first step of a removal at which interventions are averaged."""
+EVENT_BIN = 4
+EVENT_LAGS = np.arange(-8, 24, EVENT_BIN)
+"""Control steps from the first step of a removal at which bins of `EVENT_BIN` steps begin; interventions are
+averaged in each."""
 
 
 class Metrics(NamedTuple):
@@ -24,16 +26,13 @@ class Metrics(NamedTuple):
     """Share of the time limit until the object was dropped; 1 if it never was."""
     progress: float
     """Goals reached plus partial credit, over all goals."""
-    goals: int
     intent: float
     """Intent error ||û - u*|| / (||u*|| + 2 mm), completed: after a drop every step counts 1. An average over
     the living steps alone would reward dropping early."""
-    intent_alive: float
-    """The same over the steps that were run."""
     intent_event: float | None
-    """Over the steps of removals; None without any."""
+    """The error over the steps of removals; None without any."""
     intent_calm: float | None
-    """Over all other steps."""
+    """Over all other steps of an episode with removals."""
     intervention: float
     """||û - ũ|| / (||ũ|| + 2 mm) over the steps that were run."""
     intervention_event: float | None
@@ -64,14 +63,12 @@ def measure(episode: Episode, max_steps: int = MAX_STEPS) -> Metrics:
     return Metrics(
         duration=duration,
         progress=episode.progress,
-        goals=int(episode.goals_reached),
         intent=alive * duration + (1.0 - duration),
-        intent_alive=alive,
         intent_event=_mean(intent[event]),
-        intent_calm=_mean(intent[~event]),
+        intent_calm=_mean(intent[~event]) if event.any() else None,
         intervention=float(change.mean()),
         intervention_event=_mean(change[event]),
-        intervention_calm=_mean(change[~event]),
+        intervention_calm=_mean(change[~event]) if event.any() else None,
         retention=contact_retention(episode.loads, episode.dropped),
     )
 
@@ -94,9 +91,9 @@ def contact_retention(loads: Array, dropped: bool, horizon: int = DRAFT_HORIZON)
 
 
 def around_events(series: Array, in_event: NDArray[np.bool_]) -> Array | None:
-    """Return a series averaged over removals at `EVENT_LAGS` from their first step; None without removals.
+    """Return the mean of a series in bins around removals, as `EVENT_LAGS`; None without removals.
 
-    Steps before the episode or after its end are left out; lags that no event has are NaN.
+    Steps before the episode or after its end are left out; bins in which no removal has a step are NaN.
 
     Args:
         series: One value per step. Shape (T,).
@@ -105,11 +102,11 @@ def around_events(series: Array, in_event: NDArray[np.bool_]) -> Array | None:
     began = np.flatnonzero(in_event & ~np.concatenate([[False], in_event[:-1]]))
     if not len(began):
         return None
-    at = began[:, None] + EVENT_LAGS  # (events, lags)
+    at = EVENT_LAGS[:, None, None] + began[:, None] + np.arange(EVENT_BIN)  # (bins, events, steps)
     inside = (at >= 0) & (at < len(series))
     values = np.where(inside, series[np.clip(at, 0, len(series) - 1)], 0.0)
-    count = inside.sum(0)
-    return np.where(count > 0, values.sum(0) / np.maximum(count, 1), np.nan)
+    count = inside.sum((1, 2))
+    return np.where(count > 0, values.sum((1, 2)) / np.maximum(count, 1), np.nan)
 
 
 def _mean(values: Array) -> float | None:

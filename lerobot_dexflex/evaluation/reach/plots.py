@@ -1,15 +1,21 @@
 """The figures of the benchmark's report."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
+from lerobot_dexflex.commands.corruption import EVENT_STEPS
+from lerobot_dexflex.commands.loop import Episode
 from lerobot_dexflex.evaluation.reach.methods import CLEAN, Method
-from lerobot_dexflex.evaluation.reach.record import Record
-from lerobot_dexflex.evaluation.reach.summary import FAMILIES
+from lerobot_dexflex.evaluation.reach.metrics import EVENT_BIN, EVENT_LAGS, relative_error
+from lerobot_dexflex.evaluation.reach.summary import FAMILIES, Summary
 from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_figure, new_panels, png
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.runs.statistics import Mean
 
 BARS = {"duration": "duration", "progress": "task progress", "intent": "intent error"}
 _PERIOD = 0.05
@@ -25,63 +31,66 @@ def main_methods(methods: Sequence[str]) -> list[str]:
     return [name for name in methods if name in shown.values()]
 
 
-def bars(result: dict[str, Any]) -> bytes:
-    """Draw duration, progress and intent error per cell and main method with bootstrap intervals."""
-    methods, cells = main_methods(result["methods"]), result["cells"]
+def bars(summary: Summary) -> bytes:
+    """Draw duration, progress and intent error per condition and main method with bootstrap intervals."""
+    methods = main_methods(summary.methods)
+    conditions = [name for name in summary.conditions if name != FAMILIES]
     figure, panels = new_panels(9.0, 6.6, len(BARS))
     width = 0.85 / len(methods)
     for axes, (metric, label) in zip(panels, BARS.items(), strict=True):
         for k, name in enumerate(methods):
-            at = np.arange(len(cells)) + (k - (len(methods) - 1) / 2) * width
-            means = [numbers[name][metric] for numbers in cells.values()]
-            heights = [m["mean"] for m in means]
-            error = np.array([_reach(m) for m in means]).T
+            at = np.arange(len(conditions)) + (k - (len(methods) - 1) / 2) * width
+            heights, error = _drawn([summary.means[name, condition][metric] for condition in conditions])
             axes.bar(at, heights, 0.92 * width, color=colour(k), label=name)
             axes.errorbar(at, heights, yerr=error, fmt="none", ecolor=INK, elinewidth=0.8, capsize=1.5)
         axes.set(ylabel=label, ylim=(0, None))
-        axes.set_xticks(range(len(cells)), list(cells))
+        axes.set_xticks(range(len(conditions)), conditions)
     panels[0].legend(ncols=5, loc="lower left", bbox_to_anchor=(0, 1), **LEGEND)
     return png(figure)
 
 
-def around_removals(result: dict[str, Any]) -> bytes | None:
+def around_removals(summary: Summary) -> bytes | None:
     """Draw the mean intervention of the main methods around the first step of removals; None without any."""
-    cells = {c: numbers for c, numbers in result["cells"].items() if _curves(numbers)}
-    if not cells:
+    here = summary.rows.dropna(subset="around")
+    conditions = [name for name in summary.conditions if name in set(here["condition"])]
+    if not conditions:
         return None
-    figure, panels = new_panels(7.0, 2.2 * len(cells), len(cells))
-    for axes, (cell, numbers) in zip(panels, cells.items(), strict=True):
-        for k, name in enumerate(main_methods(result["methods"])):
-            curve = numbers[name]["event_curve"]
-            if not curve or name in ("raw", CLEAN):
+    figure, panels = new_panels(7.0, 2.2 * len(conditions), len(conditions))
+    middle = _PERIOD * (EVENT_LAGS + EVENT_BIN / 2)
+    for axes, condition in zip(panels, conditions, strict=True):
+        for k, name in enumerate(main_methods(summary.methods)):
+            curves = _curves(summary.of(name, condition))
+            seen = np.isfinite(curves).sum(0)
+            enough = seen > 1
+            if name in ("raw", CLEAN) or not enough.any():
                 continue  # Raw never intervenes; the clean operator replaces the draft.
-            lag, mean, low, high = np.array(curve).T
-            axes.plot(_PERIOD * lag, mean, color=colour(k), lw=1.8, label=name)
-            axes.fill_between(_PERIOD * lag, low, high, color=colour(k), alpha=0.18, lw=0)
-        axes.axvspan(0, _PERIOD * 8, color=INK, alpha=0.15, lw=0)
-        axes.set(ylabel=f"intervention, {cell}", ylim=(0, None))
+            at, curves = middle[enough], curves[:, enough]
+            mean = np.nanmean(curves, 0)
+            # Of hundreds of episodes; the normal interval is that of the bootstrap to the drawn line's width.
+            half = 1.96 * np.nanstd(curves, 0, ddof=1) / np.sqrt(seen[enough])
+            axes.plot(at, mean, "o-", ms=3, color=colour(k), lw=1.8, label=name)
+            axes.fill_between(at, mean - half, mean + half, color=colour(k), alpha=0.18, lw=0)
+        axes.axvspan(0, _PERIOD * EVENT_STEPS, color=INK, alpha=0.15, lw=0)
+        axes.set(ylabel=f"intervention, {condition}", ylim=(0, None))
     panels[0].legend(ncols=4, loc="lower left", bbox_to_anchor=(0, 1), **LEGEND)
     panels[-1].set_xlabel("time after the first step of a removal [s]; grey: the removal")
     return png(figure)
 
 
-def episode_interventions(records: Sequence[Record], methods: Sequence[str]) -> bytes | None:
-    """Draw the intervention over one episode, removals in grey, contacts below; None without traces.
+def interventions(episodes: Mapping[str, Episode]) -> bytes:
+    """Draw the intervention over one episode, removals in grey, fingers in contact behind.
 
     Args:
-        records: Of one cell and one episode.
-        methods: Which to draw.
+        episodes: The same episode by method.
     """
-    traced = {r.method: r.trace for r in records if r.trace and r.method in methods}
-    if not traced:
-        return None
-    figure, panels = new_panels(9.0, 1.5 * len(traced) + 0.4, len(traced))
-    for axes, (name, trace) in zip(panels, traced.items(), strict=True):
-        time = _PERIOD * np.arange(len(trace["intervention"]))
-        axes.plot(time, trace["intervention"], color=colour(methods.index(name)), lw=1.5)
-        _shade(axes, time, np.array(trace["in_event"], bool))
+    figure, panels = new_panels(9.0, 1.5 * len(episodes) + 0.4, len(episodes))
+    for k, (axes, (name, episode)) in enumerate(zip(panels, episodes.items(), strict=True)):
+        time = _PERIOD * np.arange(episode.steps)
+        axes.plot(time, relative_error(episode.executed, episode.draft), color=colour(k), lw=1.5)
+        _shade(axes, time, episode.in_event)
         contacts = axes.twinx()
-        contacts.step(time, trace["contacts"], color=INK, lw=0.8, where="post", alpha=0.7)
+        loaded = (episode.loads > CONTACT_FORCE).sum(1)
+        contacts.step(time, loaded, color=INK, lw=0.8, where="post", alpha=0.7)
         contacts.set(ylim=(0, 4.3), yticks=(0, 2, 4))
         contacts.set_ylabel("contacts", color=INK, fontsize=8)
         contacts.tick_params(colors=INK, labelsize=8)
@@ -93,44 +102,48 @@ def episode_interventions(records: Sequence[Record], methods: Sequence[str]) -> 
     return png(figure)
 
 
-def gains(result: dict[str, Any]) -> bytes | None:
+def gains(summary: Summary) -> bytes | None:
     """Draw progress over the output gain of shrink and of the learned methods; None with fewer than two."""
-    curves = {base: _gain_curve(result, base) for base in _SHOWN_GAINS}
+    curves = {base: _gain_curve(summary, base) for base in _SHOWN_GAINS}
     curves = {base: curve for base, curve in curves.items() if len(curve) > 1}
-    if not curves or not result[FAMILIES]:
+    if not curves or FAMILIES not in summary.conditions:
         return None
     figure, axes = new_figure(4.6, 2.8)
     for k, (base, curve) in enumerate(curves.items()):
         at = sorted(curve)
-        means = [result[FAMILIES][curve[g]]["progress"] for g in at]
-        error = np.array([_reach(m) for m in means]).T
+        heights, error = _drawn([summary.means[curve[gain], FAMILIES]["progress"] for gain in at])
         style = {"color": colour(k), "capsize": 3, "lw": 1.8, "fmt": "o-", "label": base}
-        axes.errorbar(at, [m["mean"] for m in means], yerr=error, **style)
+        axes.errorbar(at, heights, yerr=error, **style)
     axes.set(xlabel="output gain (shrink at 1 is raw)", ylabel="progress, mean over families")
     axes.legend(**LEGEND)
     return png(figure)
 
 
-def ablations(result: dict[str, Any]) -> bytes | None:
+def ablations(summary: Summary) -> bytes | None:
     """Draw progress, averaged over families, of dexflex and its ablations; None without any."""
-    ablated = [m for m in result["methods"] if Method.parse(m).ablation]
-    if not ablated or not result[FAMILIES]:
+    ablated = [m for m in summary.methods if Method.parse(m).ablation]
+    if not ablated or FAMILIES not in summary.conditions:
         return None
-    names = [result["reference"], *ablated]
+    names = [summary.reference, *ablated]
     figure, axes = new_figure(5.2, 0.34 * len(names) + 0.7)
     for k, name in enumerate(names):
-        mean = result[FAMILIES][name]["progress"]
-        error = np.array([_reach(mean)]).T
-        axes.errorbar(mean["mean"], k, xerr=error, fmt="o", color=colour(0 if k == 0 else 4), capsize=3)
+        at, error = _drawn([summary.means[name, FAMILIES]["progress"]])
+        axes.errorbar(at, k, xerr=error, fmt="o", color=colour(0 if k == 0 else 4), capsize=3)
     axes.set(xlabel="progress, mean over families", ylim=(len(names) - 0.5, -0.5))
     axes.set_yticks(range(len(names)), names)
     return png(figure)
 
 
-def _gain_curve(result: dict[str, Any], base: str) -> dict[float, str]:
+def _curves(rows: pd.DataFrame) -> NDArray[np.float64]:
+    """Return the interventions around removals, NaN where an episode has none. Shape (episodes, bins)."""
+    texts = rows["around"].dropna().tolist()
+    return np.array([text.split() for text in texts], float).reshape(-1, len(EVENT_LAGS))
+
+
+def _gain_curve(summary: Summary, base: str) -> dict[float, str]:
     """Return method names by gain."""
     found = {}
-    for name in result["methods"]:
+    for name in summary.methods:
         method = Method.parse(name)
         if base == "shrink" and name == "raw":
             found[1.0] = name
@@ -141,16 +154,15 @@ def _gain_curve(result: dict[str, Any], base: str) -> dict[float, str]:
     return found
 
 
-def _curves(numbers: dict[str, Any]) -> bool:
-    return any(values["event_curve"] for values in numbers.values())
+def _drawn(means: Sequence[Mean | None]) -> tuple[list[float], NDArray[np.float64]]:
+    """Return heights and how far their intervals reach down and up, (2, N); NaN where there is no mean."""
+    heights = [np.nan if mean is None else mean.mean for mean in means]
+    ends = [(h, h) if mean is None else mean.ci95 or (h, h) for h, mean in zip(heights, means, strict=True)]
+    low, high = np.array(ends).T
+    return heights, np.maximum([heights - low, high - heights], 0.0)
 
 
 def _shade(axes: Axes, time: Any, event: Any) -> None:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], event.astype(int), [0]])))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         axes.axvspan(_PERIOD * begin, _PERIOD * end, color=INK, alpha=0.2, lw=0)
-
-
-def _reach(mean: dict[str, Any]) -> tuple[float, float]:
-    low, high = mean["ci95"] or (mean["mean"], mean["mean"])
-    return max(0.0, mean["mean"] - low), max(0.0, high - mean["mean"])

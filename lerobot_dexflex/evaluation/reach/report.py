@@ -1,129 +1,97 @@
-"""The result file, its tables and the page of a benchmark."""
+"""The tables and the page of a benchmark, from its rows."""
 
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-from lerobot_dexflex.evaluation.provenance import identity_digest, session_provenance
 from lerobot_dexflex.evaluation.reach import plots, tables
-from lerobot_dexflex.evaluation.reach.cells import Cell
-from lerobot_dexflex.evaluation.reach.films import choose_episode, film
-from lerobot_dexflex.evaluation.reach.methods import Method
-from lerobot_dexflex.evaluation.reach.record import Record
+from lerobot_dexflex.evaluation.reach.films import choose_episode, show_episode
 from lerobot_dexflex.evaluation.reach.runner import Benchmark
-from lerobot_dexflex.evaluation.reach.summary import FAMILIES, summarise
-from lerobot_dexflex.evaluation.report.html_parts import (
-    document,
-    picture,
-    provenance,
-    table,
-    video,
-    write_page,
-)
-from lerobot_dexflex.evaluation.store import Store, write_json
+from lerobot_dexflex.evaluation.reach.summary import Summary
+from lerobot_dexflex.evaluation.report.html_parts import document, picture, table, video, write_page
+from lerobot_dexflex.runs.table import Table
 
-RESULT, TABLES, PAGE = "degraded_commands.json", "degraded_commands.md", "report.html"
+TABLES, PAGE = "degraded_commands.md", "report.html"
+_ORIGIN = ("method", "version", "commit", "date", "settings", "command")
 
 
-def make_result(
-    benchmark: Benchmark, store: Store[Record], records: Sequence[Record], reference: str | None = None
-) -> dict[str, Any]:
-    """Write and return the content of the result file: settings, numbers, provenance.
-
-    Args:
-        benchmark: What was run.
-        store: Its folder.
-        records: Its episodes.
-        reference: Method that all others are tested against; dexflex if None.
-    """
-    identity = store.identity()
-    result = {
-        "config_hash": identity_digest(identity),
-        "identity": identity,
-        "tuning": benchmark.tuning,
-        "n_episodes": benchmark.episodes,
-        "first_seed": benchmark.first_seed,
-        "seeds": [min(r.seed for r in records), max(r.seed for r in records)],
-        "methods": list(benchmark.methods),
-        "versions": {r.method: r.version for r in records},
-        **summarise(records, benchmark.methods, benchmark.cells, reference),
-        "provenance": session_provenance(store.sessions()),
-    }
-    write_json(benchmark.output / RESULT, result)
-    return result
-
-
-def write_report(
-    benchmark: Benchmark, result: dict[str, Any], records: Sequence[Record], films: bool = True
-) -> Path:
+def write_report(benchmark: Benchmark, summary: Summary, films: bool = True) -> Path:
     """Write the tables and the page into the benchmark's folder and return the page's path.
 
     Args:
         benchmark: What was run.
-        result: From `make_result`.
-        records: Its episodes.
+        summary: Of its rows.
         films: Whether to run an episode again to film it.
     """
-    (benchmark.output / TABLES).write_text(tables.markdown(result) + "\n")
-    removals = [c for c in benchmark.cells if Cell.parse(c).corruption.family == "removal"]
-    header = tables.metric_header(result)
+    (benchmark.output / TABLES).write_text(tables.markdown(summary) + "\n")
+    removals = [name for name in benchmark.conditions if name.startswith("removal")]
+    header = tables.metric_header(summary)
     sections = [
         "<h1>Degraded commands: who recovers the intent?</h1>",
-        f"<p>{html.escape(tables.about(result))}</p>",
+        f"<p>{html.escape(tables.about(summary))}</p>",
         picture(
-            plots.bars(result), "Duration, progress and intent error per condition, bootstrap 95 % intervals."
+            plots.bars(summary),
+            "Duration, progress and intent error per condition, bootstrap 95 % intervals.",
         ),
         "<h2>Task progress</h2>",
-        table(header, tables.metric_rows(result, "progress")),
-        f"<h2>{html.escape(result['reference'])} against the others</h2>",
-        table(tables.TEST_HEADER, tables.test_rows(result, [FAMILIES, *result["cells"]])),
-        *_pictures(result, records, removals),
-        *(_films(benchmark, records, result["reference"], removals[-1]) if films and removals else ()),
-        *_more_tables(result, header),
-        provenance(result),
+        table(header, tables.metric_rows(summary, "progress")),
+        f"<h2>{html.escape(summary.reference)} against the others</h2>",
+        table(tables.TEST_HEADER, tables.test_rows(summary)),
+        *_pictures(summary),
+        *(_episode(benchmark, summary, removals[-1]) if films and removals else ()),
+        *_more_tables(summary, header),
+        "<h2>Provenance</h2>",
+        table(_ORIGIN, _origins(benchmark, summary)),
     ]
     return write_page(benchmark.output / PAGE, document("Degraded commands", sections))
 
 
-def _pictures(result: dict[str, Any], records: Sequence[Record], removals: Sequence[str]) -> Iterable[str]:
-    yield "<h2>Selective intervention</h2>"
-    if drawn := plots.around_removals(result):
+def _pictures(summary: Summary) -> Iterable[str]:
+    if drawn := plots.around_removals(summary):
+        yield "<h2>Selective intervention</h2>"
         yield picture(drawn, "Mean intervention around removals with 95 % intervals; low outside is the aim.")
-    if removals:
-        first = [r for r in records if r.cell == removals[-1] and r.episode == 0]
-        shown = [m for m in plots.main_methods(result["methods"]) if Method.parse(m).learned or m == "reflex"]
-        if drawn := plots.episode_interventions(first, shown):
-            yield picture(drawn, f"Episode 0 in {removals[-1]}, chosen by number.")
-    if drawn := plots.gains(result):
+    if drawn := plots.gains(summary):
         yield "<h2>Is it more than damping?</h2>"
         yield picture(drawn, "Progress over the output gain: what shrinking alone achieves.")
-    if drawn := plots.ablations(result):
+    if drawn := plots.ablations(summary):
         yield "<h2>Ablations</h2>"
         yield picture(drawn, "Progress without one part at a time; as many candidates each.")
 
 
-def _films(benchmark: Benchmark, records: Sequence[Record], reference: str, cell: str) -> Iterable[str]:
-    episode = choose_episode(records, cell, reference)
-    if episode is None or reference == "raw":
+def _episode(benchmark: Benchmark, summary: Summary, condition: str) -> Iterable[str]:
+    seed = choose_episode(summary.rows, condition, summary.reference)
+    if seed is None or summary.reference == "raw":
         return
-    chain = benchmark.book(Cell.parse(cell).verified).load(episode + 1)[episode]
-    path = film(chain, episode, cell, ("raw", reference), benchmark.output, benchmark.controller)
+    chains = benchmark.book(condition).load(benchmark.episodes)
+    chain = next(chain for chain in chains if chain.seed == seed)
+    methods = ("raw", summary.reference)
+    shown = show_episode(chain, condition, methods, benchmark.output, benchmark.controller)
     yield "<h2>One episode</h2>"
     yield video(
-        path,
-        f"Episode {episode} in {cell}: the first that raw drops and {reference} does not, so a selection; "
-        "run again alone, twice real time.",
+        shown.film,
+        f"Seed {seed} under {condition}: the first episode that raw drops and {summary.reference} does not, "
+        "so a selection; run again alone, twice real time.",
     )
+    yield picture(plots.interventions(shown.episodes), "The same episode: what was changed, and when.")
 
 
-def _more_tables(result: dict[str, Any], header: Sequence[str]) -> Iterable[str]:
+def _more_tables(summary: Summary, header: list[str]) -> Iterable[str]:
     for metric, title in tables.TITLES.items():
         if metric != "progress":
             yield f"<h2>{html.escape(title)}</h2>"
-            yield table(header, tables.metric_rows(result, metric))
+            yield table(header, tables.metric_rows(summary, metric))
     yield "<h2>Dropped episodes</h2>"
-    yield table(header, tables.drop_rows(result))
-    if rows := tables.split_rows(result):
+    yield table(tables.drop_header(summary), tables.drop_rows(summary))
+    if rows := tables.split_rows(summary):
         yield "<h2>In and outside removals</h2>"
         yield table(tables.SPLIT_HEADER, rows)
+    if rows := tables.branch_rows(summary):
+        yield "<h2>Chosen candidates</h2>"
+        yield table(tables.BRANCH_HEADER, rows)
+
+
+def _origins(benchmark: Benchmark, summary: Summary) -> list[list[str]]:
+    """Return where each version's rows come from."""
+    shown = set(summary.rows["version"].dropna())
+    origins = Table(benchmark.table).origins().to_dict("records")
+    return [[str(row[name]) for name in _ORIGIN] for row in origins if row["version"] in shown]

@@ -6,28 +6,30 @@ objects and goals that the operator never tried, so neither tuning nor test obje
 """
 
 import functools
-from collections.abc import Hashable
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import statsmodels.api as sm
 from numpy.typing import NDArray
 
+from lerobot_dexflex.commands.corruption import Corruption
 from lerobot_dexflex.commands.loop import run_chains
-from lerobot_dexflex.controller import SelectionSettings
+from lerobot_dexflex.controller import DexFlexController, SelectionSettings
 from lerobot_dexflex.controller.settings import ProjectionSettings
 from lerobot_dexflex.corpus.distortion import sample_corruption
+from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.provenance import environment_identity
 from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
-from lerobot_dexflex.evaluation.reach.methods import shared_controller
-from lerobot_dexflex.evaluation.store import Store
-from lerobot_dexflex.evaluation.whole_jobs import WholeJob, run_missing
 from lerobot_dexflex.experts.reach.chains import Chain
-from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, controller_digest, find_controller
+from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
+from lerobot_dexflex.runs.jobs import Job, run_missing
+from lerobot_dexflex.runs.provenance import method_version
+from lerobot_dexflex.runs.table import Row
 
 RANGES = {
     "gain": (0.3, 1.2),
@@ -43,29 +45,24 @@ RANGES = {
 """Where every field of `ProjectionSettings` is drawn, uniformly."""
 TRAINING_SEED = 1000
 """First seed of the chains: an object of the corpus's training split."""
+TASK, METHOD, TABLE = "Reach-v0", "projection", "search.csv"
+COLUMNS = ("errors", "progress", "dropped", *RANGES)
+"""Of a row. Every episode draws its own errors, as the corpus does; the condition numbers the trial."""
+_TRIAL = "trial-"
 CLEAN_SHARE = 0.2
 BATCH = 16
 """Episodes of one trial."""
 _LEAST = 320
 
 
-@dataclass(frozen=True)
-class Trial(WholeJob):
-    """Settings and what a batch of episodes did with them."""
+class Trial(NamedTuple):
+    """Settings, and the episodes on which they are tried."""
 
-    number: int
-    settings: dict[str, float]
-    """Of `ProjectionSettings`."""
-    chains: list[int]
-    """Seeds of the chains."""
-    corruptions: list[str]
-    progress: list[float]
-    dropped: list[bool]
-
-    @property
-    def job(self) -> Hashable:
-        """What was run together."""
-        return self.number
+    settings: ProjectionSettings
+    seeds: tuple[int, ...]
+    """Of the chains."""
+    errors: tuple[Corruption, ...]
+    """What goes wrong with the commands, one for each chain."""
 
 
 @dataclass(frozen=True)
@@ -73,31 +70,70 @@ class Search:
     """What to run.
 
     Args:
-        output: Folder of the trials, which a later call continues.
+        output: Folder of the table, which a later call continues.
         chains: Folder of goal chains, built where missing.
         n_chains: Starts that the trials draw from.
-        controller: Folder of a controller; the shipped one if None. Its networks choose nothing here.
+        controller: Folder or hub id of a controller; the shipped one if empty. Its networks choose nothing
+            here.
     """
 
     output: Path
     chains: Path
     n_chains: int = 250
-    controller: Path | None = None
+    controller: str = ""
 
     @property
     def book(self) -> ChainBook:
         """The chains."""
         return ChainBook(self.chains / f"unverified_{TRAINING_SEED}.jsonl", TRAINING_SEED, verified=False)
 
-    def identity(self) -> dict[str, Any]:
-        """Return what every trial depends on."""
-        folder = find_controller(self.controller, DEXFLEX_FILES)
-        names = {"chains": self.n_chains, "controller": controller_digest(folder, "dexflex")}
-        return names | environment_identity()
+    def jobs(self, trials: int, version: str) -> list[Job]:
+        """Return the first trials as jobs, each a condition of its own; the chains must have been built."""
+        seeds = list(_chains(self))
+        return [
+            Job(METHOD, version, TASK, f"{_TRIAL}{number}", draw_trial(number, seeds).seeds)
+            for number in range(trials)
+        ]
+
+    def run_job(self, job: Job) -> list[Row]:
+        """Run a batch of episodes with the settings of a trial."""
+        chains = _chains(self)
+        number = int(job.condition.removeprefix(_TRIAL))
+        trial = draw_trial(number, list(chains))
+        only = SelectionSettings(
+            n_pure=0, n_seeded=0, include_draft=False, projection=trial.settings, use_residual=False
+        )
+        interface = DexFlexInterface(_controller(self.controller), only)
+        chosen = [chains[seed] for seed in trial.seeds]
+        episodes = run_chains(chosen, trial.errors, interface, seed=number, batch=BATCH)
+        settings = asdict(trial.settings)
+        return [
+            {
+                "errors": errors.name,
+                "progress": round(float(episode.progress), 4),
+                "dropped": bool(episode.dropped),
+                **{name: float(f"{settings[name]:.4g}") for name in RANGES},
+            }
+            for errors, episode in zip(trial.errors, episodes, strict=True)
+        ]
 
 
-def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -> list[Trial]:
-    """Run the trials that are missing and return the first `trials`.
+def draw_trial(number: int, seeds: Sequence[int]) -> Trial:
+    """Return the trial of a number, always the same.
+
+    Args:
+        number: Of the trial.
+        seeds: Of the chains, to draw from.
+    """
+    rng = np.random.default_rng((number, 17))
+    settings = ProjectionSettings(**{key: float(rng.uniform(*ends)) for key, ends in RANGES.items()})
+    chosen = rng.choice(len(seeds), min(BATCH, len(seeds)), replace=False)
+    errors = tuple(sample_corruption(rng, CLEAN_SHARE) for _ in chosen)
+    return Trial(settings, tuple(seeds[k] for k in chosen), errors)
+
+
+def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -> pd.DataFrame:
+    """Run the trials that are missing and return the rows of the first `trials`.
 
     Args:
         search: What to run.
@@ -106,34 +142,19 @@ def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -
         quiet: Show no progress bar.
 
     Raises:
-        DexFlexError: If the output folder holds trials of other settings or code.
+        DexFlexError: If there is no controller, or another process works in a folder.
     """
+    folder = find_controller(search.controller, DEXFLEX_FILES)
+    version = method_version(
+        (__name__, DexFlexInterface.__module__, TASKS[TASK].module),
+        [folder / name for name in DEXFLEX_FILES],
+        batch=BATCH,
+        n_chains=search.n_chains,
+    )
     search.book.ensure(search.n_chains, workers, quiet)
-    store = Store(search.output, search.identity(), Trial.parse)
-    job = functools.partial(run_trial, search)
-    return run_missing(store, range(trials), job, BATCH, workers, quiet)
-
-
-def run_trial(search: Search, number: int) -> Trial:
-    """Draw settings and run a batch of episodes with them."""
-    rng = np.random.default_rng((number, 17))
-    settings = ProjectionSettings(**{key: float(rng.uniform(*ends)) for key, ends in RANGES.items()})
-    chains = _chains(search)
-    chosen = [chains[k] for k in rng.choice(len(chains), min(BATCH, len(chains)), replace=False)]
-    corruptions = [sample_corruption(rng, CLEAN_SHARE) for _ in chosen]
-    only = SelectionSettings(
-        n_pure=0, n_seeded=0, include_draft=False, projection=settings, use_residual=False
-    )
-    interface = DexFlexInterface(shared_controller(search.controller), only)
-    episodes = run_chains(chosen, corruptions, interface, seed=number, batch=BATCH)
-    return Trial(
-        number=number,
-        settings=asdict(settings),
-        chains=[episode.chain.seed for episode in episodes],
-        corruptions=[episode.corruption.name for episode in episodes],
-        progress=[float(episode.progress) for episode in episodes],
-        dropped=[bool(episode.dropped) for episode in episodes],
-    )
+    jobs = search.jobs(trials, version.name)
+    path = search.output / TABLE
+    return run_missing(path, COLUMNS, jobs, {METHOD: version}, search.run_job, workers, quiet)
 
 
 @dataclass(frozen=True)
@@ -149,22 +170,20 @@ class Effect:
     """Where the quadratic is highest within the range, in the setting's unit."""
 
 
-def fit(trials: list[Trial]) -> list[Effect]:
+def fit(rows: pd.DataFrame) -> list[Effect]:
     """Fit progress = family + sum of quadratics, by least squares.
 
     Args:
-        trials: From `run_search`.
+        rows: From `run_search`.
 
     Raises:
         DexFlexError: If there are too few episodes to tell settings apart.
     """
-    if (found := sum(len(trial.progress) for trial in trials)) < _LEAST:
-        raise DexFlexError(f"{found} episodes cannot tell the settings apart; run {_LEAST} or more.")
-    unit = np.array([_unit(trial.settings) for trial in trials for _ in trial.progress])
-    families = [name.partition("_")[0] for trial in trials for name in trial.corruptions]
-    dummies = np.array([[name == other for other in sorted(set(families))] for name in families], float)
-    progress = np.concatenate([trial.progress for trial in trials])
-    model = sm.OLS(progress, np.hstack([dummies, unit, unit**2])).fit()
+    if len(rows) < _LEAST:
+        raise DexFlexError(f"{len(rows)} episodes cannot tell the settings apart; run {_LEAST} or more.")
+    dummies = pd.get_dummies(rows["errors"].str.partition("_")[0]).to_numpy(float)
+    unit = _unit(rows)
+    model = sm.OLS(rows["progress"].to_numpy(float), np.hstack([dummies, unit, unit**2])).fit()
     first, count = dummies.shape[1], len(RANGES)
     grid = np.linspace(-1, 1, 201)
     effects = []
@@ -176,11 +195,18 @@ def fit(trials: list[Trial]) -> list[Effect]:
     return effects
 
 
-def _unit(settings: dict[str, float]) -> NDArray[np.float64]:
-    """Return settings as numbers in [-1, 1]."""
-    return np.array([2 * (settings[key] - low) / (high - low) - 1 for key, (low, high) in RANGES.items()])
+def _unit(rows: pd.DataFrame) -> NDArray[np.float64]:
+    """Return the settings as numbers in [-1, 1]. Shape (N, len(RANGES))."""
+    low, high = np.array(list(RANGES.values())).T
+    return 2 * (rows[list(RANGES)].to_numpy(float) - low) / (high - low) - 1
 
 
 @functools.cache
-def _chains(search: Search) -> list[Chain]:
-    return search.book.load(search.n_chains)
+def _chains(search: Search) -> dict[int, Chain]:
+    """Return the chains by their seeds, in order."""
+    return {chain.seed: chain for chain in search.book.load(search.n_chains)}
+
+
+@functools.cache
+def _controller(where: str) -> DexFlexController:
+    return DexFlexController.from_pretrained(find_controller(where))

@@ -1,50 +1,114 @@
-"""From records to the numbers of the result file."""
+"""From rows to means with intervals, averages over families of errors, and paired tests."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import NamedTuple
 
-import numpy as np
+import pandas as pd
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.reach.cells import PAPER_FAMILIES, Cell
 from lerobot_dexflex.evaluation.reach.methods import CLEAN, ORACLE, Method
-from lerobot_dexflex.evaluation.reach.metrics import EVENT_LAGS
-from lerobot_dexflex.evaluation.reach.record import Record
-from lerobot_dexflex.runs.statistics import holm, mean_interval, rank_test, success_rate
+from lerobot_dexflex.evaluation.reach.metrics import Metrics
+from lerobot_dexflex.runs.statistics import Mean, holm, mean_interval, rank_test
 
 FAMILIES = "families"
-"""The average over the degradation families, each of which counts the same."""
+"""The average over the families of errors, each of which counts the same; stands as a condition."""
+PAPER_FAMILIES = ("noise", "scale", "delay", "removal")
+"""The families that the paper's averages are taken over."""
 _AVERAGED = ("duration", "progress", "intent", "retention", "intervention")
-Found = Mapping[tuple[str, str], Mapping[int, Record]]
-"""Records by (cell, method) and episode."""
+
+
+class ProgressTest(NamedTuple):
+    """A paired comparison of the reference's progress with another method's, Wilcoxon signed-rank."""
+
+    condition: str
+    kind: str
+    """`baseline` or `variant` of ours; p-values are adjusted within condition and kind."""
+    method: str
+    n: int
+    gain: Mean
+    """Of the reference over the method."""
+    p_value: float
+    p_value_holm: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the tables and figures show."""
+
+    rows: pd.DataFrame
+    """One per episode; the averages over families are among them, under the condition `FAMILIES`."""
+    methods: tuple[str, ...]
+    """In the order of the tables."""
+    conditions: tuple[str, ...]
+    """In the order of the tables, `FAMILIES` first if there is an average."""
+    reference: str
+    """Method that all others are tested against."""
+    means: Mapping[tuple[str, str], Mapping[str, Mean | None]]
+    """Every metric by method and condition."""
+    tests: tuple[ProgressTest, ...]
+
+    @property
+    def averaged(self) -> tuple[str, ...]:
+        """Conditions that the average over families is taken over."""
+        return tuple(name for name in self.conditions if family(name))
+
+    def of(self, method: str, condition: str) -> pd.DataFrame:
+        """Return the rows of a method under a condition, by their seeds."""
+        return rows_of(self.rows, method, condition)
 
 
 def summarise(
-    records: Sequence[Record], methods: Sequence[str], cells: Sequence[str], reference: str | None = None
-) -> dict[str, Any]:
-    """Return means with intervals per cell and method, averages over families, and paired tests.
+    rows: pd.DataFrame,
+    methods: Sequence[str] = (),
+    conditions: Sequence[str] = (),
+    reference: str | None = None,
+) -> Summary:
+    """Return means with intervals, averages over families, and paired tests.
 
     Args:
-        records: All episodes; every method of a cell must have run the same first ones.
-        methods: Names, in the order of the tables.
-        cells: Names, in the order of the tables.
+        rows: One per episode, as `run` returns them; every method must have run the same first episodes.
+        methods: Names, in the order of the tables; those of the rows if none.
+        conditions: Names, in the order of the tables; those of the rows if none.
         reference: Method that all others are tested against; see `default_reference`.
 
     Raises:
-        DexFlexError: If a method did not run in a cell or episodes are missing.
+        DexFlexError: If a method did not run under a condition, episodes are missing or there twice, or the
+            reference is none of the methods.
     """
+    methods = tuple(methods) or tuple(rows["method"].unique())
+    conditions = tuple(conditions) or tuple(rows["condition"].unique())
     reference = reference or default_reference(methods)
     if reference not in methods:
         raise DexFlexError(f"The reference {reference!r} is none of the methods: {', '.join(methods)}.")
-    found = _sorted(records, methods, cells)
-    averaged = [cell for cell in cells if Cell.parse(cell).family]
-    return {
-        "reference": reference,
-        "cells": {cell: {m: _describe(found[cell, m].values()) for m in methods} for cell in cells},
-        "averaged_cells": averaged,
-        FAMILIES: {m: _average(found, averaged, m) for m in methods} if averaged else {},
-        "tests": _tests(found, methods, [*cells, *([FAMILIES] if averaged else [])], averaged, reference),
+    wanted = rows["method"].isin(methods) & rows["condition"].isin(conditions)
+    rows = rows.loc[wanted].sort_values(by="seed")
+    _check_complete(rows, methods, conditions)
+    if averaged := [name for name in conditions if family(name)]:
+        rows = pd.concat([rows, _average(rows, averaged)], ignore_index=True)
+        conditions = (FAMILIES, *conditions)
+    means = {
+        (method, condition): _means(rows_of(rows, method, condition))
+        for method in methods
+        for condition in conditions
     }
+    return Summary(rows, methods, conditions, reference, means, _tests(rows, methods, conditions, reference))
+
+
+def rows_of(rows: pd.DataFrame, method: str, condition: str) -> pd.DataFrame:
+    """Return the rows of a method under a condition."""
+    return rows.loc[(rows["method"] == method) & (rows["condition"] == condition)]
+
+
+def family(condition: str) -> str | None:
+    """Return the family over which a condition is averaged; None for what is no single error or a control.
+
+    Commands scaled below 1 are a control: the operator corrects the lag, and nothing is at stake.
+    """
+    name, _, strength = condition.partition("_")
+    if "+" in condition or name not in PAPER_FAMILIES or (name == "scale" and float(strength) <= 1):
+        return None
+    return name
 
 
 def default_reference(methods: Sequence[str]) -> str:
@@ -53,113 +117,59 @@ def default_reference(methods: Sequence[str]) -> str:
     return "dexflex" if "dexflex" in ours else (ours or list(methods))[0]
 
 
-def per_episode(found: Found, cells: Sequence[str], method: str, metric: str) -> dict[int, float]:
-    """Return a metric per episode, averaged over the cells of each family and then over families.
+def _check_complete(rows: pd.DataFrame, methods: Sequence[str], conditions: Sequence[str]) -> None:
+    for condition in conditions:
+        every = sorted(set(rows.loc[rows["condition"] == condition, "seed"]))
+        for method in methods:
+            seeds = rows_of(rows, method, condition)["seed"].tolist()
+            if len(set(seeds)) < len(seeds):
+                raise DexFlexError(
+                    f"{method!r} has several rows of an episode under {condition!r}: choose one `version`."
+                )
+            if not seeds or seeds != every[: len(seeds)]:
+                raise DexFlexError(
+                    f"{method!r} has {len(seeds)} episodes under {condition!r}, with gaps or none at all; "
+                    "run the same command again to complete it."
+                )
 
-    Episodes in which the metric is undefined in a cell are left out.
+
+def _average(rows: pd.DataFrame, averaged: Sequence[str]) -> pd.DataFrame:
+    """Return a row per method and episode that ran under all conditions.
+
+    A metric is averaged over the conditions of each family and then over families; it is empty where it is
+    undefined under one of them.
     """
-    families = {family: [c for c in cells if Cell.parse(c).family == family] for family in PAPER_FAMILIES}
-    families = {family: members for family, members in families.items() if members}
-    values = {}
-    for k in set.intersection(*(set(found[cell, method]) for cell in cells)):
-        rows = [[found[c, method][k].metrics[metric] for c in members] for members in families.values()]
-        if all(value is not None for row in rows for value in row):
-            values[k] = float(np.mean([np.mean([v for v in row if v is not None]) for row in rows]))
-    return values
-
-
-def _sorted(records: Sequence[Record], methods: Sequence[str], cells: Sequence[str]) -> Found:
-    found: dict[tuple[str, str], dict[int, Record]] = {(c, m): {} for c in cells for m in methods}
-    for record in sorted(records, key=lambda r: r.episode):
-        if (record.cell, record.method) in found:
-            found[record.cell, record.method][record.episode] = record
-    for (cell, method), episodes in found.items():
-        if list(episodes) != list(range(len(episodes))) or not episodes:
-            raise DexFlexError(
-                f"{method!r} has {len(episodes)} episodes in {cell!r} with gaps or none at all; run the same "
-                "command again to complete it."
-            )
-    return found
-
-
-def _describe(records: Any) -> dict[str, Any]:
-    records = list(records)
-    names = records[0].metrics
-    metrics = {name: _mean([r.metrics[name] for r in records]) for name in names}
-    kept = success_rate([not r.dropped for r in records])
-    branches = [r.branches for r in records if r.branches]
-    return {
-        "n": len(records),
-        "drops": len(records) - kept.n_success,
-        "pc_kept": kept.pc_success,
-        "pc_kept_ci95": kept.pc_success_ci95,
-        **metrics,
-        "branches": {
-            name: float(np.mean([b.get(name, 0.0) for b in branches])) for name in sorted(branches[0])
-        }
-        if branches
-        else None,
-        "event_curve": _event_curve([r.event_curve for r in records if r.event_curve]),
-    }
-
-
-def _event_curve(curves: Sequence[Sequence[float | None]]) -> list[list[float]] | None:
-    """Return rows of lag, mean, and interval of the intervention around removals; None without any."""
-    if not curves:
-        return None
-    rows = []
-    for k, lag in enumerate(EVENT_LAGS.tolist()):
-        values = np.array([c[k] for c in curves if c[k] is not None], float)
-        if len(values) < 2:
-            continue
-        # Of hundreds of episodes; the normal interval is that of the bootstrap to the drawn line's width.
-        half = 1.96 * values.std(ddof=1) / np.sqrt(len(values))
-        rows.append(
-            [lag, *(round(float(v), 5) for v in (values.mean(), values.mean() - half, values.mean() + half))]
+    found = {}
+    for name in _AVERAGED:
+        wide = rows[rows["condition"].isin(averaged)].pivot(
+            index=["method", "seed"], columns="condition", values=name
         )
-    return rows
+        found[name] = wide.dropna().T.groupby(family).mean().mean()
+    return pd.DataFrame(found).rename_axis(["method", "seed"]).reset_index().assign(condition=FAMILIES)
 
 
-def _average(found: Found, cells: Sequence[str], method: str) -> dict[str, Any]:
-    values = {metric: per_episode(found, cells, method, metric) for metric in _AVERAGED}
-    return {metric: _mean(list(v.values())) for metric, v in values.items()}
+def _means(rows: pd.DataFrame) -> dict[str, Mean | None]:
+    return {name: mean_interval(rows[name].dropna().tolist()) for name in Metrics._fields}
 
 
 def _tests(
-    found: Found, methods: Sequence[str], cells: Sequence[str], averaged: Sequence[str], reference: str
-) -> list[dict[str, Any]]:
-    """Test the reference's progress against every method but upper bounds, Holm within cell and kind."""
+    rows: pd.DataFrame, methods: Sequence[str], conditions: Sequence[str], reference: str
+) -> tuple[ProgressTest, ...]:
+    """Test the reference's progress against every method but upper bounds, Holm within condition and kind."""
     others = [m for m in methods if m != reference and Method.parse(m).base not in (CLEAN, ORACLE)]
     variants = [m for m in others if Method.parse(m).base == "dexflex"]
-    tests = []
-    for cell in cells:
-        for kind, family in (("baseline", [m for m in others if m not in variants]), ("variant", variants)):
-            rows = []
-            for method in family:
-                ours, theirs = (_progress(found, cell, averaged, m) for m in (reference, method))
-                both = sorted(set(ours) & set(theirs))
-                test = rank_test([theirs[k] for k in both], [ours[k] for k in both])
-                rows.append(
-                    {
-                        "cell": cell,
-                        "kind": kind,
-                        "method": method,
-                        "n": len(both),
-                        "gain": test.gain._asdict(),
-                    }
-                    | {"p_value": test.p_value}
-                )
-            for row, p in zip(rows, holm([row["p_value"] for row in rows]), strict=True):
-                tests.append(row | {"p_value_holm": p})
-    return tests
-
-
-def _progress(found: Found, cell: str, averaged: Sequence[str], method: str) -> dict[int, float]:
-    if cell == FAMILIES:
-        return per_episode(found, averaged, method, "progress")
-    return {k: float(r.metrics["progress"] or 0.0) for k, r in found[cell, method].items()}
-
-
-def _mean(values: Sequence[float | None]) -> dict[str, Any] | None:
-    mean = mean_interval([value for value in values if value is not None])
-    return None if mean is None else mean._asdict()
+    kinds = {"baseline": [m for m in others if m not in variants], "variant": variants}
+    tests: list[ProgressTest] = []
+    for condition in conditions:
+        progress = rows[rows["condition"] == condition].pivot(
+            index="seed", columns="method", values="progress"
+        )
+        for kind, group in kinds.items():
+            pairs = [progress[[reference, method]].dropna() for method in group]
+            results = [rank_test(pair.iloc[:, 1].tolist(), pair.iloc[:, 0].tolist()) for pair in pairs]
+            adjusted = holm([result.p_value for result in results])
+            tests += [
+                ProgressTest(condition, kind, method, len(pair), result.gain, result.p_value, p)
+                for method, pair, result, p in zip(group, pairs, results, adjusted, strict=True)
+            ]
+    return tuple(tests)

@@ -1,9 +1,12 @@
 """The tables of a benchmark, as rows of text."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-from lerobot_dexflex.evaluation.reach.summary import FAMILIES
+import numpy as np
+
+from lerobot_dexflex.evaluation.reach.episodes import BRANCHES
+from lerobot_dexflex.evaluation.reach.summary import FAMILIES, Summary
+from lerobot_dexflex.runs.statistics import Mean, success_rate
 
 Rows = list[list[str]]
 TITLES = {
@@ -13,115 +16,141 @@ TITLES = {
     "retention": "Contact retention: loaded fingers that still carry load 8 steps later",
     "intervention": "Intervention: size of the change to the draft",
 }
-SPLIT_HEADER = ("method", "cell", "intent error in / outside removals", "intervention in / outside removals")
-TEST_HEADER = ("cell", "against", "gain in progress", "p (Wilcoxon)", "p (Holm)", "episodes")
+SPLIT_HEADER = (
+    "method",
+    "condition",
+    "intent error in / outside removals",
+    "intervention in / outside removals",
+)
+TEST_HEADER = ("condition", "against", "gain in progress", "p (Wilcoxon)", "p (Holm)", "episodes")
+BRANCH_HEADER = ("method", "condition", *BRANCHES)
 
 
-def metric_header(result: dict[str, Any]) -> list[str]:
+def metric_header(summary: Summary) -> list[str]:
     """Return the header of `metric_rows`."""
-    return ["method", *(["families"] if result[FAMILIES] else []), *result["cells"]]
+    return ["method", *summary.conditions]
 
 
-def metric_rows(result: dict[str, Any], metric: str) -> Rows:
-    """Return one row per method: the average over families, then every cell, with intervals."""
-    return _rows(result, lambda numbers: _mean(numbers[metric]))
+def metric_rows(summary: Summary, metric: str) -> Rows:
+    """Return one row per method: a metric under every condition, with intervals."""
+    return [
+        [method, *(mean_text(summary.means[method, condition][metric]) for condition in summary.conditions)]
+        for method in summary.methods
+    ]
 
 
-def drop_rows(result: dict[str, Any]) -> Rows:
-    """Return one row per method with dropped episodes per cell and Wilson intervals."""
-
-    def text(numbers: dict[str, Any]) -> str:
-        if "drops" not in numbers:
-            return ""
-        low, high = (100 - bound for bound in reversed(numbers["pc_kept_ci95"]))
-        return f"{numbers['drops']}/{numbers['n']} ({low:.0f}-{high:.0f} %)"
-
-    return _rows(result, text)
+def drop_header(summary: Summary) -> list[str]:
+    """Return the header of `drop_rows`."""
+    return ["method", *_run(summary)]
 
 
-def split_rows(result: dict[str, Any]) -> Rows:
+def drop_rows(summary: Summary) -> Rows:
+    """Return one row per method with dropped episodes under every condition and Wilson intervals."""
+
+    def text(method: str, condition: str) -> str:
+        rate = success_rate(summary.of(method, condition)["dropped"].astype(bool).tolist())
+        low, high = rate.pc_success_ci95
+        return f"{rate.n_success}/{rate.n_episodes} ({low:.0f}-{high:.0f} %)"
+
+    return [[method, *(text(method, condition) for condition in _run(summary))] for method in summary.methods]
+
+
+def split_rows(summary: Summary) -> Rows:
     """Return errors and interventions inside and outside of removals, where there are any."""
     return [
         [
             method,
-            cell,
-            *(_pair(numbers[f"{m}_event"], numbers[f"{m}_calm"]) for m in ("intent", "intervention")),
+            condition,
+            *(
+                _pair(means[f"{metric}_event"], means[f"{metric}_calm"])
+                for metric in ("intent", "intervention")
+            ),
         ]
-        for cell, methods in result["cells"].items()
-        for method, numbers in methods.items()
-        if numbers["intent_event"]
+        for condition in _run(summary)
+        for method in summary.methods
+        if (means := summary.means[method, condition])["intent_event"]
     ]
 
 
-def test_rows(result: dict[str, Any], cells: Sequence[str]) -> Rows:
-    """Return the paired tests of the reference in these cells."""
+def branch_rows(summary: Summary) -> Rows:
+    """Return how often each kind of candidate was executed [%], for methods that choose."""
+    shares = {
+        (method, condition): [float(summary.of(method, condition)[branch].mean()) for branch in BRANCHES]
+        for condition in _run(summary)
+        for method in summary.methods
+    }
+    return [
+        [*key, *(f"{100 * share:.0f} %" for share in values)]
+        for key, values in shares.items()
+        if np.isfinite(values).all()
+    ]
+
+
+def test_rows(summary: Summary) -> Rows:
+    """Return the paired tests of the reference."""
     return [
         [
-            test["cell"],
-            test["method"],
-            _mean(test["gain"], "+"),
-            f"{test['p_value']:.2g}",
-            f"{test['p_value_holm']:.2g}",
-            str(test["n"]),
+            test.condition,
+            test.method,
+            mean_text(test.gain, "+"),
+            f"{test.p_value:.2g}",
+            f"{test.p_value_holm:.2g}",
+            str(test.n),
         ]
-        for test in result["tests"]
-        if test["cell"] in cells
+        for test in summary.tests
     ]
 
 
-def markdown(result: dict[str, Any]) -> str:
+def markdown(summary: Summary) -> str:
     """Return all tables as Markdown."""
-    header = metric_header(result)
-    parts = [about(result)]
+    header = metric_header(summary)
+    parts = [about(summary)]
     for metric, title in TITLES.items():
-        parts += [f"**{title}**", as_markdown(header, metric_rows(result, metric))]
-    parts += ["**Dropped episodes** (Wilson intervals)", as_markdown(header, drop_rows(result))]
-    if split := split_rows(result):
+        parts += [f"**{title}**", as_markdown(header, metric_rows(summary, metric))]
+    parts += ["**Dropped episodes** (Wilson intervals)"]
+    parts += [as_markdown(drop_header(summary), drop_rows(summary))]
+    if split := split_rows(summary):
         parts += ["**In and outside removals**", as_markdown(SPLIT_HEADER, split)]
-    if rows := test_rows(result, [*result["cells"], FAMILIES]):
-        parts += [f"**{result['reference']} against all others, paired**", as_markdown(TEST_HEADER, rows)]
+    if chosen := branch_rows(summary):
+        parts += ["**Chosen candidates**", as_markdown(BRANCH_HEADER, chosen)]
+    if rows := test_rows(summary):
+        parts += [f"**{summary.reference} against all others, paired**", as_markdown(TEST_HEADER, rows)]
     return "\n\n".join(parts)
 
 
-def about(result: dict[str, Any]) -> str:
+def about(summary: Summary) -> str:
     """Return what the numbers are, in a few sentences."""
-    kind = "tuning" if result["tuning"] else "test"
-    averaged = ", ".join(result["averaged_cells"]) or "none"
+    seeds, averaged = summary.rows["seed"], ", ".join(summary.averaged) or "none"
     return (
-        f"{result['n_episodes']} paired episodes per method and cell on {kind} objects (seeds from "
-        f"{result['first_seed']}; of oracles fewer). Means with bootstrap 95 % intervals. "
-        f"Goals were verified with clean commands: clean raw is near 1 by selection. The average over "
-        f"families is over {averaged}, each family counting the same. Tests: Wilcoxon's signed-rank on the "
-        "progress of the same episodes, adjusted by Holm within each cell over the baselines and over the "
-        "variants."
+        f"{summary.rows.groupby(['method', 'condition']).size().max()} paired episodes per method and "
+        f"condition (seeds {seeds.min()} to {seeds.max()}; of oracles fewer). Means with bootstrap 95 % "
+        "intervals. Goals were verified with clean commands: clean raw is near 1 by selection. The average "
+        f"over families is over {averaged}, each family counting the same. Tests: Wilcoxon's signed-rank on "
+        "the progress of the same episodes, adjusted by Holm within each condition over the baselines and "
+        "over the variants."
     )
 
 
-def _rows(result: dict[str, Any], text: Callable[[dict[str, Any]], str]) -> Rows:
-    families = result[FAMILIES]
-    rows = []
-    for method in result["methods"]:
-        row = [method]
-        if families:
-            row.append(text(families[method]))
-        rows.append(row + [text(methods[method]) for methods in result["cells"].values()])
-    return rows
-
-
-def _pair(inside: dict[str, Any] | None, outside: dict[str, Any] | None) -> str:
-    return f"{_mean(inside)} / {_mean(outside)}"
-
-
-def _mean(metric: dict[str, Any] | None, sign: str = "") -> str:
-    if metric is None:
+def mean_text(mean: Mean | None, sign: str = "") -> str:
+    """Return a mean with its interval."""
+    if mean is None:
         return "-"
-    if metric["ci95"] is None:
-        return f"{metric['mean']:{sign}.2f}"
-    low, high = (f"{bound:{sign}.2f}" for bound in metric["ci95"])
-    return f"{metric['mean']:{sign}.2f} [{low}, {high}]"
+    if mean.ci95 is None:
+        return f"{mean.mean:{sign}.2f}"
+    low, high = (f"{bound:{sign}.2f}" for bound in mean.ci95)
+    return f"{mean.mean:{sign}.2f} [{low}, {high}]"
 
 
 def as_markdown(header: Sequence[str], rows: Rows) -> str:
     """Return a table in Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _run(summary: Summary) -> list[str]:
+    """Return the conditions that were run."""
+    return [condition for condition in summary.conditions if condition != FAMILIES]
+
+
+def _pair(inside: Mean | None, outside: Mean | None) -> str:
+    return f"{mean_text(inside)} / {mean_text(outside)}"

@@ -5,6 +5,7 @@ import numpy as np
 from lerobot_dexflex.commands.corruption import Corruption
 from lerobot_dexflex.commands.loop import Episode
 from lerobot_dexflex.envs.reach import ReachEpisode
+from lerobot_dexflex.evaluation.reach.episodes import COLUMNS
 from lerobot_dexflex.experts.reach.chains import Chain, Goal
 from lerobot_dexflex.hand.objects import ObjectSpec
 
@@ -32,3 +33,11 @@ def build_even(seed, verified):
     """Only even seeds have chains."""
     assert verified
     return chain(seed) if seed % 2 == 0 else None
+
+
+def row(method, condition, seed, progress=0.5, *, dropped=False, version="v", **metrics):
+    """A row of the benchmark's table; all metrics alike."""
+    found = dict.fromkeys(COLUMNS)
+    found |= dict.fromkeys(("duration", "progress", "intent", "intervention", "retention"), float(progress))
+    key = {"method": method, "version": version, "task": "Reach-v0", "condition": condition, "seed": seed}
+    return key | found | {"steps": 50, "dropped": dropped} | metrics

@@ -1,3 +1,4 @@
+import os
 import random
 
 import pytest
@@ -5,7 +6,8 @@ from degraded_fakes import build_even, chain
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach import chain_book
-from lerobot_dexflex.evaluation.reach.chain_book import ChainBook, chain_digest
+from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
+from lerobot_dexflex.runs.lock import locked
 
 
 def test_chains_are_those_of_the_first_seeds_that_have_one(tmp_path):
@@ -62,5 +64,10 @@ def test_a_gap_left_by_a_kill_is_not_skipped(tmp_path):
     assert [c.seed for c in book.load(3)] == [10, 12, 14]
 
 
-def test_a_digest_tells_chains_apart():
-    assert chain_digest(chain(1)) == chain_digest(chain(1)) != chain_digest(chain(2))
+def test_two_processes_do_not_build_into_one_folder(tmp_path):
+    book = ChainBook(tmp_path / "chains/chains.jsonl", 10)
+    with locked(tmp_path / "chains"), pytest.raises(DexFlexError, match=f"in use by process {os.getpid()}"):
+        book.ensure(3, workers=0, quiet=True, build=build_even)
+    book.ensure(3, workers=0, quiet=True, build=build_even)
+    with locked(tmp_path / "chains"):
+        book.ensure(3, workers=0, quiet=True, build=build_even)  # Nothing is missing.

@@ -1,27 +1,18 @@
-from degraded_fakes import episode
+import pandas as pd
+from degraded_fakes import row
 
 from lerobot_dexflex.evaluation.reach.films import choose_episode, flat
-from lerobot_dexflex.evaluation.reach.record import make_record
-
-
-def record(method, index, dropped, cell="removal_2mm"):
-    return make_record(
-        episode(dropped=dropped),
-        method=method,
-        cell=cell,
-        index=index,
-        chain="",
-        version="",
-        group=(0, 4),
-        traced=False,
-    )
 
 
 def test_the_first_episode_that_raw_drops_and_ours_does_not_is_filmed():
-    raw = [record("raw", k, dropped) for k, dropped in enumerate((False, True, True, True))]
-    ours = [record("dexflex", k, dropped) for k, dropped in enumerate((False, True, False, False))]
-    assert choose_episode(raw + ours, "removal_2mm", "dexflex") == 2
-    assert choose_episode(raw + ours, "removal_3mm", "dexflex") is None
+    fallen = {"raw": (False, True, True, True), "dexflex": (False, True, False, False)}
+    rows = pd.DataFrame(
+        row(method, "removal_2mm", 10 + k, dropped=dropped)
+        for method, endings in fallen.items()
+        for k, dropped in enumerate(endings)
+    )
+    assert choose_episode(rows, "removal_2mm", "dexflex") == 12
+    assert choose_episode(rows, "removal_3mm", "dexflex") is None
 
 
 def test_numbers_of_an_explanation_are_logged_by_path():

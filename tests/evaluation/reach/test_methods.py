@@ -1,13 +1,8 @@
-from pathlib import Path
-
-import numpy as np
 import pytest
 
 from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.reach.cells import Cell
 from lerobot_dexflex.evaluation.reach.methods import ABLATIONS, Method, selection_settings
-from lerobot_dexflex.evaluation.reach.plots import main_methods
 from lerobot_dexflex.interfaces.gain import GainInterface
 
 
@@ -40,14 +35,6 @@ def test_a_gain_wraps_any_interface_and_a_plain_name_does_not():
     assert Method.parse("filter").make(None).name == "filter"
 
 
-def test_the_clean_operator_is_raw_with_a_teacher_at_every_step():
-    method = Method.parse("clean")
-    assert method.teacher is not None
-    stream = method.teacher(np.random.default_rng(0))
-    assert [next(stream) for _ in range(3)] == [True] * 3
-    assert Method.parse("raw").teacher is None
-
-
 @pytest.mark.parametrize("ablation", ABLATIONS)
 def test_every_ablation_changes_the_settings_and_keeps_the_number_of_candidates(ablation):
     whole, ablated = SelectionSettings(n_pure=8), selection_settings(ablation, {"n_pure": 8})
@@ -60,23 +47,17 @@ def test_without_seeded_proposals_the_raw_draft_is_no_candidate_either():
     assert (settings.n_seeded, settings.include_draft) == (0, False)
 
 
-def test_a_baselines_version_follows_its_own_code_only():
-    versions = {name: Method.parse(name).version(None) for name in ("raw", "clean", "filter", "filter@0.5")}
-    assert versions["raw"] == versions["clean"] != versions["filter"] == versions["filter@0.5"]
+def test_a_method_names_the_modules_and_the_weights_that_decide_it(controller_folder):
+    assert Method.parse("raw").modules == ("lerobot_dexflex.interfaces.raw",)
+    assert Method.parse("filter@0.5").modules == (
+        "lerobot_dexflex.interfaces.filter",
+        "lerobot_dexflex.interfaces.gain",
+    )
+    assert Method.parse("raw").weights("/nowhere") == ()
+    names = [path.name for path in Method.parse("dexgen").weights(controller_folder)]
+    assert names == ["config.json", "model.safetensors", "dexgen.safetensors"]
 
 
 def test_a_learned_method_without_its_controller_is_refused():
     with pytest.raises(DexFlexError, match="No controller"):
-        Method.parse("dexflex").version(Path("/nowhere"))
-
-
-def test_cells_know_their_family_and_controls_have_none():
-    names = ["noise_2mm", "scale_1.5", "scale_0.5", "clean", "removal_3mm_unverified", "bias_1mm"]
-    assert [Cell.parse(n).family for n in names] == ["noise", "scale", None, None, None, None]
-    assert [Cell.parse(n).name for n in names] == names
-    assert not Cell.parse("clean_unverified").verified
-
-
-def test_a_figure_shows_one_method_of_each_kind_and_scaled_ones_only_for_want_of_others():
-    methods = ["dexflex@0.7", "dexflex", "dexflex-notouch", "dexgen@0.4", "raw", "shrink:0.5", "shrink:0.7"]
-    assert main_methods(methods) == ["dexflex", "dexgen@0.4", "raw", "shrink:0.5"]
+        Method.parse("dexflex").weights("/nowhere")

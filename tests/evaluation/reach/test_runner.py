@@ -1,58 +1,70 @@
-import json
+import functools
+from dataclasses import replace
 
 import pytest
 from degraded_fakes import build_even, episode
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.reach import runner
-from lerobot_dexflex.evaluation.reach.report import PAGE, RESULT, TABLES, make_result, write_report
-from lerobot_dexflex.evaluation.reach.runner import Benchmark, run
-from lerobot_dexflex.evaluation.store import EPISODES
+from lerobot_dexflex.evaluation.reach import episodes, runner
+from lerobot_dexflex.evaluation.reach.report import PAGE, TABLES, write_report
+from lerobot_dexflex.evaluation.reach.runner import Benchmark
+from lerobot_dexflex.evaluation.reach.summary import summarise
+from lerobot_dexflex.runs.provenance import imported
+from lerobot_dexflex.runs.table import KEY, Table
+
+run = functools.partial(runner.run, workers=0, quiet=True)
 
 
 @pytest.fixture(autouse=True)
 def fresh_caches():
     runner._chains.cache_clear()
-    runner._version.cache_clear()
+    runner._interface.cache_clear()
 
 
 @pytest.fixture
 def loop(monkeypatch):
-    """Replace the simulation; returns the runs that were asked for."""
+    """Replace the simulation; returns the runs that were asked for: interface, error, seeds."""
     runs = []
 
-    def run_chains(chains, corruption, interface, *, batch, teacher):
-        runs.append((interface.name, corruption.name, [c.seed for c in chains], teacher is not None))
-        removal = corruption.family == "removal"
+    def run_chains(chains, errors, interface, *, batch):
+        name = interface.name.partition(":")[0]
+        runs.append((name, errors.name, [c.seed for c in chains]))
+        removal = errors.name.startswith("removal")
         return [
             episode(
                 40,
                 label=0.004,
-                executed=0.002 if interface.name == "shrink" else 0.004,
-                dropped=removal and interface.name == "raw" and c.seed % 4 == 0,
-                progress=0.25 if removal and interface.name == "raw" else 0.75,
+                executed=0.002 if name == "shrink" else 0.004,
+                dropped=removal and name == "raw" and c.seed % 4 == 0,
+                progress=0.25 if removal and name == "raw" else 0.75,
                 event=range(10, 18) if removal else (),
                 seed=c.seed,
             )
             for c in chains
         ]
 
-    monkeypatch.setattr(runner, "run_chains", run_chains)
+    monkeypatch.setattr(episodes, "run_chains", run_chains)
     return runs
 
 
 def benchmark(tmp_path, **changes):
-    options = {"methods": ("raw", "shrink:0.5"), "cells": ("clean", "removal_2mm"), "episodes": 5, "group": 2}
+    options = {
+        "methods": ("raw", "shrink:0.5"),
+        "conditions": ("clean", "removal_2mm"),
+        "episodes": 5,
+        "group": 2,
+    }
     made = Benchmark(output=tmp_path / "out", chains=tmp_path / "chains", **(options | changes))
-    made.book(True).ensure(made.episodes, workers=0, quiet=True, build=build_even)
+    made.book("clean").ensure(made.episodes, workers=0, quiet=True, build=build_even)
     return made
 
 
 def test_all_methods_meet_the_same_chains_and_every_episode_runs_once(tmp_path, loop):
-    _, records = run(benchmark(tmp_path), workers=0, quiet=True)
-    assert len(records) == len({(r.method, r.cell, r.episode) for r in records}) == 2 * 2 * 5
-    assert {r.episode: r.seed for r in records} == {k: 100_000 + 2 * k for k in range(5)}
-    assert [seeds for name, cell, seeds, _ in loop if (name, cell) == ("raw", "clean")] == [
+    rows = run(benchmark(tmp_path))
+    assert len(rows) == len(rows[["method", "condition", "seed"]].drop_duplicates()) == 2 * 2 * 5
+    for _, part in rows.groupby(["method", "condition"]):
+        assert part["seed"].tolist() == [100_000 + 2 * k for k in range(5)]
+    assert [seeds for name, error, seeds in loop if (name, error) == ("raw", "clean")] == [
         [100_000, 100_002],
         [100_004, 100_006],
         [100_008],
@@ -60,25 +72,25 @@ def test_all_methods_meet_the_same_chains_and_every_episode_runs_once(tmp_path, 
 
 
 def test_a_kill_costs_the_running_group_and_nothing_else(tmp_path, loop):
-    first = run(benchmark(tmp_path), workers=0, quiet=True)[1]
-    file = tmp_path / "out" / EPISODES
+    first = run(benchmark(tmp_path))
+    file = benchmark(tmp_path).table
     lines = file.read_text().splitlines(keepends=True)
     file.write_text("".join(lines[:-2]) + lines[-2][:50])
     loop.clear()
-    again = run(benchmark(tmp_path), workers=0, quiet=True)[1]
-    # One record was torn and the last one lost: the last group of `shrink`, and of `raw`, the one before it.
-    assert [(name, cell, len(seeds)) for name, cell, seeds, _ in loop] == [
+    again = run(benchmark(tmp_path))
+    # One row was torn and the last one lost: the last group of `shrink`, and of `raw`, the one before it.
+    assert [(name, error, len(seeds)) for name, error, seeds in loop] == [
         ("raw", "removal_2mm", 1),
         ("shrink", "removal_2mm", 1),
     ]
-    assert {r.line() for r in again} == {r.line() for r in first}
+    assert again.equals(first)
 
 
-def test_more_methods_cells_and_episodes_extend_what_is_there(tmp_path, loop):
-    run(benchmark(tmp_path, episodes=4), workers=0, quiet=True)
+def test_more_methods_conditions_and_episodes_extend_what_is_there(tmp_path, loop):
+    run(benchmark(tmp_path, episodes=4))
     loop.clear()
-    run(benchmark(tmp_path, episodes=6, methods=("raw", "hold"), cells=("clean",)), workers=0, quiet=True)
-    assert [(name, len(seeds)) for name, _, seeds, _ in loop] == [
+    run(benchmark(tmp_path, episodes=6, methods=("raw", "hold"), conditions=("clean",)))
+    assert [(name, len(seeds)) for name, _, seeds in loop] == [
         ("hold", 2),
         ("hold", 2),
         ("raw", 2),
@@ -86,71 +98,89 @@ def test_more_methods_cells_and_episodes_extend_what_is_there(tmp_path, loop):
     ]
 
 
-def test_records_of_another_version_of_a_method_are_run_again(tmp_path, loop, monkeypatch):
-    run(benchmark(tmp_path), workers=0, quiet=True)
+def test_only_rows_of_another_version_of_their_method_are_run_again(tmp_path, loop, monkeypatch):
+    first = run(benchmark(tmp_path))
     loop.clear()
-    monkeypatch.setattr(
-        runner, "_version", lambda name, controller: "new" if name == "raw" else version(name)
-    )
-    version = {r: runner.Method.parse(r).version(None) for r in ("shrink:0.5",)}.__getitem__
-    records = run(benchmark(tmp_path), workers=0, quiet=True)[1]
+    version = Benchmark.version
+
+    def changed(self, method):
+        found = version(self, method)
+        return replace(found, code="new") if method == "raw" else found
+
+    monkeypatch.setattr(Benchmark, "version", changed)
+    rows = run(benchmark(tmp_path))
     assert {name for name, *_ in loop} == {"raw"}
-    assert len(records) == 20
+    assert len(rows) == len(first)
+    loop.clear()
+    monkeypatch.setattr(Benchmark, "version", version)
+    assert run(benchmark(tmp_path)).equals(first)  # The old rows stay.
+    assert loop == []
 
 
-def test_other_chains_under_the_same_seeds_are_refused(tmp_path, loop):
-    run(benchmark(tmp_path), workers=0, quiet=True)
+def test_a_version_follows_what_runs_the_method_and_nothing_else(tmp_path):
+    ours = benchmark(tmp_path)
+    names = {name: ours.version(name).code for name in ("raw", "shrink:0.5", "shrink:0.7", "hold")}
+    assert names["shrink:0.5"] == names["shrink:0.7"]
+    assert len(set(names.values())) == 3
+    assert ours.version("raw") != benchmark(tmp_path, batch=8).version("raw")
+    everywhere = set(imported(runner._RUN_BY))
+    assert not {"lerobot_dexflex.runs.jobs", "lerobot_dexflex.evaluation.reach.runner"} & everywhere
+
+
+def test_other_chains_under_the_same_seeds_are_refused_before_anything_runs(tmp_path, loop):
+    run(benchmark(tmp_path))
     runner._chains.cache_clear()
-    book = benchmark(tmp_path).book(True).path
+    loop.clear()
+    book = benchmark(tmp_path).book("clean").path
     book.write_text(book.read_text().replace('"friction": 1.0', '"friction": 0.9'))
-    with pytest.raises(DexFlexError, match="another chain"):
-        run(benchmark(tmp_path), workers=0, quiet=True)
+    with pytest.raises(DexFlexError, match=r"seed 100000 .* another chain .* choose another --output"):
+        run(benchmark(tmp_path, methods=("raw", "hold")))
+    assert loop == []
 
 
-def test_tuning_uses_other_seeds_and_refuses_the_folder_of_the_test(tmp_path, loop):
-    run(benchmark(tmp_path), workers=0, quiet=True)
+def test_tuning_and_test_use_other_seeds_and_unverified_goals_another_book(tmp_path, loop):
+    run(benchmark(tmp_path))
     tuning = benchmark(tmp_path, tuning=True)
-    assert tuning.book(True).load(1)[0].seed == 50_000
-    with pytest.raises(DexFlexError, match="seed: 100000 in the folder, 50000 now"):
-        run(tuning, workers=0, quiet=True)
+    assert tuning.book("clean").load(1)[0].seed == 50_000
+    assert run(tuning)["seed"].min() == 50_000
+    assert set(Table(tuning.table).load()["seed"] // 50_000) == {1, 2}
+    books = [tuning.book(name) for name in ("clean", "removal_2mm", "removal_2mm+unverified")]
+    assert books[0] == books[1] != books[2]
+    assert not books[2].verified
 
 
-def test_the_clean_operator_runs_with_a_teacher_and_oracles_run_fewer_episodes(tmp_path, loop):
-    run(benchmark(tmp_path, methods=("clean",), cells=("removal_2mm",)), workers=0, quiet=True)
-    assert all(taught for *_, taught in loop)
+def test_oracles_run_fewer_episodes(tmp_path):
     few = benchmark(tmp_path, methods=("raw", "oracle"), oracle_episodes=3)
-    assert [group for method, cell, group in few.jobs() if (method, cell) == ("oracle", "clean")] == [
-        (0, 2),
-        (2, 3),
-    ]
+    versions = {name: few.version("raw") for name in few.methods}
+    groups = [job.seeds for job in few.jobs(versions) if (job.method, job.condition) == ("oracle", "clean")]
+    assert groups == [(100_000, 100_002), (100_004,)]
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("changes", "message"),
     [
-        {"methods": ()},
-        {"cells": ("clean", "clean")},
-        {"episodes": 0},
-        {"cells": ("noise_2.0mm",)},
-        {"batch": 0},
+        ({"methods": ()}, "`methods` must be one or more different names"),
+        ({"conditions": ("clean", "clean")}, "`conditions` must be one or more different names"),
+        ({"episodes": 0}, "`episodes` must be at least 1"),
+        ({"batch": 0}, "`batch` must be at least 1"),
+        ({"conditions": ("noise_2.0mm",)}, "Write 'noise_2.0mm' as 'noise_2mm'"),
+        ({"conditions": ("removal_2mm+heavy",)}, "no heavy hand"),
     ],
 )
-def test_senseless_benchmarks_are_refused(tmp_path, changes):
-    with pytest.raises(DexFlexError, match=r"must be|Write"):
+def test_senseless_benchmarks_are_refused(tmp_path, changes, message):
+    with pytest.raises(DexFlexError, match=message):
         benchmark(tmp_path, **changes)
 
 
-def test_the_report_is_one_file_and_the_result_says_where_it_comes_from(tmp_path, loop):
+def test_the_report_is_one_file_and_says_where_its_rows_come_from(tmp_path, loop):
     ours = benchmark(tmp_path, methods=("raw", "shrink:0.5", "shrink:0.7", "reflex", "clean"))
-    store, records = run(ours, workers=0, quiet=True)
-    result = make_result(ours, store, records, "reflex")
-    assert json.loads((tmp_path / "out" / RESULT).read_text()) == json.loads(json.dumps(result))
-    assert result["seeds"] == [100_000, 100_008]
-    assert {"command", "commit", "wall_time_s"} <= set(result["provenance"])
-    assert result["cells"]["removal_2mm"]["raw"]["drops"] == 3
-    page = write_report(ours, result, records, films=False).read_text()
+    rows = run(ours)
+    assert set(KEY) < set(rows)
+    page = write_report(ours, summarise(rows, reference="reflex"), films=False).read_text()
     assert (tmp_path / "out" / PAGE).exists()
     assert page.count("data:image/png;base64") >= 3
     assert "http" not in page.replace("http-equiv", "")
+    assert all(version in page for version in rows["version"])
     tables = (tmp_path / "out" / TABLES).read_text()
     assert "| raw | 0.25 [0.25, 0.25] | 0.75 [0.75, 0.75] | 0.25 [0.25, 0.25] |" in tables
+    assert "| raw | 0/5 (0-43 %) | 3/5 (23-88 %) |" in tables

@@ -1,36 +1,54 @@
 import numpy as np
+import pandas as pd
 import pytest
+from degraded_fakes import row
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.reach.record import Record
-from lerobot_dexflex.evaluation.reach.summary import FAMILIES, default_reference, summarise
+from lerobot_dexflex.evaluation.reach import tables
+from lerobot_dexflex.evaluation.reach.plots import _curves, around_removals, main_methods
+from lerobot_dexflex.evaluation.reach.summary import FAMILIES, default_reference, family, summarise
 from lerobot_dexflex.runs.statistics import rank_test
 
-METRICS = ("duration", "progress", "goals", "intent", "intent_alive", "intervention", "retention")
-SPLITS = ("intent_event", "intent_calm", "intervention_event", "intervention_calm")
 
-
-def record(method, cell, episode, progress):
-    metrics: dict[str, float | None] = dict.fromkeys((*METRICS, *SPLITS))
-    metrics.update(dict.fromkeys(METRICS, float(progress)))
-    return Record(
-        method, cell, episode, episode, "", "", (0, 9), 50, progress < 0.5, metrics, None, None, None
+def rows(table):
+    """From {(method, condition): progress per episode}."""
+    return pd.DataFrame(
+        row(method, condition, seed, value, dropped=value < 0.5)
+        for (method, condition), values in table.items()
+        for seed, value in enumerate(values)
     )
 
 
-def records(table):
-    """From {(method, cell): progress per episode}."""
-    return [record(m, c, k, value) for (m, c), values in table.items() for k, value in enumerate(values)]
+def mean(summary, method, condition, metric="progress"):
+    found = summary.means[method, condition][metric]
+    assert found is not None
+    return found.mean
 
 
-def test_every_family_counts_the_same_however_many_cells_it_has():
-    cells = ["noise_1mm", "noise_2mm", "removal_2mm", "scale_0.5", "clean"]
-    values = dict(zip(cells, (0.8, 0.4, 0.2, 1.0, 1.0), strict=True))
-    found = summarise(records({("raw", c): [v, v] for c, v in values.items()}), ["raw"], cells)
+def test_conditions_know_their_family_and_controls_have_none():
+    names = ["noise_2mm", "scale_1.5", "scale_0.5", "clean", "removal_3mm+unverified", "bias_1mm"]
+    assert [family(n) for n in names] == ["noise", "scale", None, None, None, None]
+
+
+def test_every_family_counts_the_same_however_many_conditions_it_has():
+    conditions = ["noise_1mm", "noise_2mm", "removal_2mm", "scale_0.5", "clean"]
+    values = dict(zip(conditions, (0.8, 0.4, 0.2, 1.0, 1.0), strict=True))
+    found = summarise(rows({("raw", c): [v, v] for c, v in values.items()}))
     # Noise (0.8 + 0.4) / 2, removal 0.2; the control and clean are no degradation.
-    assert found[FAMILIES]["raw"]["progress"]["mean"] == pytest.approx((0.6 + 0.2) / 2)
-    assert found["averaged_cells"] == ["noise_1mm", "noise_2mm", "removal_2mm"]
-    assert found["cells"]["noise_2mm"]["raw"]["drops"] == 2
+    assert mean(found, "raw", FAMILIES) == pytest.approx((0.6 + 0.2) / 2)
+    assert found.averaged == ("noise_1mm", "noise_2mm", "removal_2mm")
+    assert found.conditions == (FAMILIES, *conditions)
+    dropped = dict(zip(tables.drop_header(found), *tables.drop_rows(found), strict=True))
+    assert dropped["noise_2mm"].startswith("2/2 ")
+    assert FAMILIES not in dropped
+
+
+def test_the_average_leaves_out_episodes_in_which_a_metric_is_undefined():
+    table = rows({("raw", "noise_1mm"): [0.2, 0.4], ("raw", "removal_2mm"): [0.6, 0.8]})
+    table.loc[(table["seed"] == 1) & (table["condition"] == "noise_1mm"), "retention"] = None
+    found = summarise(table)
+    assert mean(found, "raw", FAMILIES) == pytest.approx(0.5)
+    assert mean(found, "raw", FAMILIES, "retention") == pytest.approx(0.4)
 
 
 def test_the_reference_is_tested_on_the_episodes_that_both_ran():
@@ -39,31 +57,35 @@ def test_the_reference_is_tested_on_the_episodes_that_both_ran():
         ("dexflex", "noise_1mm"): np.linspace(0.3, 0.7, 8),
     }
     table |= {("oracle", "noise_1mm"): [1.0] * 3, ("dexflex@0.7", "noise_1mm"): np.linspace(0.3, 0.7, 8)}
-    found = summarise(records(table), ["raw", "dexflex", "oracle", "dexflex@0.7"], ["noise_1mm"])
-    assert found["reference"] == "dexflex"
-    tests = {(t["cell"], t["method"]): t for t in found["tests"]}
+    found = summarise(rows(table))
+    assert found.reference == "dexflex"
+    tests = {(t.condition, t.method): t for t in found.tests}
     assert {m for _, m in tests} == {"raw", "dexflex@0.7"}  # Upper bounds are not tested against.
     test = tests["noise_1mm", "raw"]
-    assert test["gain"]["mean"] == pytest.approx(0.2)
-    assert test["p_value"] == pytest.approx(2 / 2**8)  # Exact: all 8 signs agree.
-    assert tests["noise_1mm", "dexflex@0.7"]["p_value"] == 1.0
-    assert test["p_value_holm"] == test["p_value"]  # Alone in its family: variants are another.
+    assert (test.kind, test.n) == ("baseline", 8)
+    assert test.gain.mean == pytest.approx(0.2)
+    assert test.p_value == pytest.approx(2 / 2**8)  # Exact: all 8 signs agree.
+    assert tests["noise_1mm", "dexflex@0.7"].p_value == 1.0
+    assert test.p_value_holm == test.p_value  # Alone in its family: variants are another.
 
 
-def test_holm_counts_the_baselines_of_a_cell():
+def test_holm_counts_the_baselines_of_a_condition():
     ours = np.linspace(0.3, 0.7, 8)
     table = {(m, "clean"): ours - 0.1 * k for k, m in enumerate(("dexflex", "raw", "hold", "filter"))}
-    found = summarise(records(table), ["dexflex", "raw", "hold", "filter"], ["clean"])
-    assert [t["p_value_holm"] for t in found["tests"]] == pytest.approx([3 * 2 / 2**8] * 3)
+    assert [t.p_value_holm for t in summarise(rows(table)).tests] == pytest.approx([3 * 2 / 2**8] * 3)
 
 
-def test_missing_episodes_are_refused_and_not_averaged_over():
-    with pytest.raises(DexFlexError, match="none at all"):
-        summarise(records({("raw", "clean"): [1.0]}), ["raw", "hold"], ["clean"])
-    with pytest.raises(DexFlexError, match="gaps"):
-        summarise([record("raw", "clean", 1, 1.0)], ["raw"], ["clean"])
-    with pytest.raises(DexFlexError, match="none of the methods"):
-        summarise(records({("raw", "clean"): [1.0]}), ["raw"], ["clean"], reference="dexflex")
+def test_missing_and_doubled_episodes_are_refused_and_not_averaged_over():
+    whole = rows({("raw", "clean"): [1.0, 1.0]})
+    with pytest.raises(DexFlexError, match=r"'hold' has 0 episodes .* none at all"):
+        summarise(whole, ["raw", "hold"], ["clean"])
+    gap = pd.concat([whole, rows({("hold", "clean"): [1.0, 1.0]}).iloc[1:]])
+    with pytest.raises(DexFlexError, match=r"'hold' has 1 episodes .* gaps"):
+        summarise(gap)
+    with pytest.raises(DexFlexError, match="none of the methods: raw"):
+        summarise(whole, reference="dexflex")
+    with pytest.raises(DexFlexError, match=r"'raw' has several rows .* choose one `version`"):
+        summarise(pd.concat([whole, whole.assign(version="other")]))
 
 
 def test_the_default_reference_is_ours_without_an_ablation():
@@ -72,7 +94,35 @@ def test_the_default_reference_is_ours_without_an_ablation():
     assert default_reference(["hold", "raw"]) == "hold"
 
 
+def test_a_figure_shows_one_method_of_each_kind_and_scaled_ones_only_for_want_of_others():
+    methods = ["dexflex@0.7", "dexflex", "dexflex-notouch", "dexgen@0.4", "raw", "shrink:0.5", "shrink:0.7"]
+    assert main_methods(methods) == ["dexflex", "dexgen@0.4", "raw", "shrink:0.5"]
+
+
+def test_tables_show_removals_and_candidates_only_where_there_are_some():
+    found = summarise(
+        pd.DataFrame(
+            [
+                row("raw", "removal_2mm", 0, intent_event=0.5, intent_calm=0.1, intervention_event=0.0),
+                row("dexflex", "removal_2mm", 0, draft=0.25, pure=0.0, seeded=0.0, contact=0.75),
+            ]
+        )
+    )
+    assert [line[:3] for line in tables.split_rows(found)] == [["raw", "removal_2mm", "0.50 / 0.10"]]
+    assert tables.branch_rows(found) == [["dexflex", "removal_2mm", "25 %", "0 %", "0 %", "75 %"]]
+
+
 def test_equal_numbers_are_no_difference_and_unequal_lengths_no_pairs():
     assert rank_test([0.5, 0.7], [0.5, 0.7]).p_value == 1.0
     with pytest.raises(DexFlexError, match="equal length"):
         rank_test([0.5], [0.5, 0.7])
+
+
+def test_interventions_around_removals_are_drawn_from_what_two_episodes_or_more_tell():
+    curves = ["0.10 " * 7 + "nan", "0.30 " * 7 + "nan", "nan " * 7 + "0.50"]
+    found = pd.DataFrame(row("dexflex", "removal_2mm", k, around=text) for k, text in enumerate(curves))
+    assert _curves(found).shape == (3, 8)
+    drawn = around_removals(summarise(found))
+    assert drawn is not None
+    assert drawn.startswith(b"\x89PNG")
+    assert around_removals(summarise(rows({("dexflex", "clean"): [0.5]}))) is None
