@@ -1,6 +1,7 @@
 """The state that all interfaces share: what the hand was last told to do, row by row."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,10 +15,21 @@ from lerobot_dexflex.interfaces.protocol import CommandSpace
 N_JOINTS = len(leap.LINKS)
 LARGEST_STEP = leap.MAX_SPEED * CONTROL_PERIOD
 """Largest change of a joint target in a control step [rad]; ordinary commands stay below .35."""
-RUNAWAY, HELD = 0.030, 0.002
-"""A commanded fingertip that is farther from where its joints put it has run away, and is held nearer [m].
-Commands run ahead in ordinary work as well, since the posture is tied and joints end: `raw` by up to 14 mm
-under noise and a scale of 1.5, `reflex` by up to 23 mm."""
+RUNAWAY, FOLLOWED = 0.030, 0.002
+"""A commanded fingertip farther from where its joints put it has run away, and one nearer than the second is
+followed [m]. Commands run ahead in ordinary work too, since the posture is tied and joints end: `raw` by up
+to 14 mm under noise and a scale of 1.5, `dexflex` by 19 mm under a bias, `reflex` by 23 mm."""
+
+
+class _Leash(NamedTuple):
+    """What is known of each finger's command running away."""
+
+    held: Tensor
+    """Whether it did and has not been told to come back. Shape (batch, 4)."""
+    away: Tensor
+    """Unit vector in which it did. Shape (batch, 4, 3)."""
+    followed: Tensor
+    """Joints that last followed their command [rad]. Shape (batch, 4, 4)."""
 
 
 class CommandedHand:
@@ -34,13 +46,13 @@ class CommandedHand:
         self.joints: Tensor | None = None
         self.tips: Tensor | None = None
         self._before: tuple[Tensor, Tensor] | None = None
-        self._wound: Tensor | None = None
+        self._leash: _Leash | None = None
         self._fresh: Tensor | None = None
 
     def reset(self, mask: Tensor | None = None) -> None:
         """Forget the command of the rows in `mask` (batch,), or all of it."""
         if mask is None or self.joints is None or self._fresh is None:
-            self.joints = self.tips = self._wound = self._fresh = None
+            self.__init__()
             return
         mask = torch.as_tensor(mask, dtype=torch.bool, device=self.joints.device)
         if mask.shape != self._fresh.shape:
@@ -61,10 +73,11 @@ class CommandedHand:
         measured = _measured_joints(observation)
         if initial is not None:
             measured = _checked_initial(initial, measured)
-        if self.joints is None or self.tips is None or self._wound is None or self._fresh is None:
+        if self.joints is None or self.tips is None or self._leash is None or self._fresh is None:
             self.joints, self.tips = measured, fingertips(measured)
             self._fresh = torch.zeros(len(measured), dtype=torch.bool, device=measured.device)
-            self._wound = torch.zeros(self.tips.shape[:2], dtype=torch.bool, device=measured.device)
+            held = torch.zeros(self.tips.shape[:2], dtype=torch.bool, device=measured.device)
+            self._leash = _Leash(held, torch.zeros_like(self.tips), measured.unflatten(1, (4, 4)))
         elif len(measured) != len(self.joints):
             raise DexFlexError(
                 f"The batch changed from {len(self.joints)} to {len(measured)} hands without a reset; "
@@ -74,15 +87,18 @@ class CommandedHand:
             fresh = self._fresh
             self.joints = torch.where(fresh[:, None], measured, self.joints)
             self.tips = torch.where(fresh[:, None, None], fingertips(measured), self.tips)
-            self._wound = self._wound & ~fresh[:, None]
+            followed = torch.where(fresh[:, None], measured, self._leash.followed.flatten(1))
+            held = self._leash.held & ~fresh[:, None]
+            self._leash = self._leash._replace(held=held, followed=followed.unflatten(1, (4, 4)))
             self._fresh = torch.zeros_like(fresh)
         return self.joints, self.tips
 
     def execute(self, joints: Tensor, tips: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Bound a command, remember and return it; what is within the bounds passes bit for bit.
 
-        A fingertip that was commanded `RUNAWAY` beyond where its joints put it is held `HELD` beyond, until
-        it comes back by itself: a command that goes the other way then takes effect at once.
+        A finger whose commanded tip is `RUNAWAY` beyond where its joints put it goes back to the joints that
+        last followed, and stays there until it is told to come back. It then does so at once: neither has the
+        command a way to go, nor are the joints stretched until inverse kinematics cannot bend them any more.
 
         Args:
             joints: Joint targets [rad]. Shape (batch, 16).
@@ -93,18 +109,40 @@ class CommandedHand:
         """
         assert self.joints is not None
         assert self.tips is not None
-        assert self._wound is not None
-        self._before = self.joints, self.tips
         _refuse_non_finite("The command", joints)
-        joints = joints.clamp(self.joints - LARGEST_STEP, self.joints + LARGEST_STEP)
+        self._before = self.joints, self.tips
+        joints = self._no_faster(joints)
         reached = fingertips(joints)
-        lead = (reached if tips is None else tips) - reached  # (batch, 4, 3)
+        if tips is None:
+            self.joints, self.tips = joints, reached
+            return joints, reached
+        held, followed = self._leashed(joints, tips, reached)
+        if held.any():
+            still = self._no_faster(followed.flatten(1))
+            joints = torch.where(held.repeat_interleave(4, 1), still, joints)
+            tips = torch.where(held[..., None], fingertips(joints), tips)
+        self.joints, self.tips = joints, tips
+        return joints, tips
+
+    def _no_faster(self, joints: Tensor) -> Tensor:
+        assert self.joints is not None
+        return joints.clamp(self.joints - LARGEST_STEP, self.joints + LARGEST_STEP)
+
+    def _leashed(self, joints: Tensor, tips: Tensor, reached: Tensor) -> tuple[Tensor, Tensor]:
+        """Return which fingers are held (batch, 4) and the joints that last followed (batch, 4, 4)."""
+        assert self._leash is not None
+        lead = tips - reached
         size = lead.norm(dim=-1)
-        self._wound = (size > RUNAWAY) | (self._wound & (size > HELD))
-        held = reached + lead * (HELD / size.clamp(min=HELD))[..., None]
-        self.joints = joints
-        self.tips = torch.where(self._wound[..., None], held, reached if tips is None else tips)
-        return self.joints, self.tips
+        ran = size > RUNAWAY
+        away = torch.where(
+            (ran & ~self._leash.held)[..., None], lead / size.clamp(min=RUNAWAY)[..., None], self._leash.away
+        )
+        returning = ((tips - self.tips) * away).sum(-1) < 0
+        held = ran | (self._leash.held & ~returning)
+        near = (size <= FOLLOWED) & ~held
+        followed = torch.where(near[..., None], joints.unflatten(1, (4, 4)), self._leash.followed)
+        self._leash = _Leash(held, away, followed)
+        return held, followed
 
     def undo(self) -> None:
         """Take the last command back, so that another can take its place."""
