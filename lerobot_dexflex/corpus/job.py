@@ -95,12 +95,11 @@ def _operated(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
 
 
 def _interfaced(config: CorpusConfig, episodes: Episodes) -> Iterator[Shard]:
-    options = {"controller": config.controller} if config.controller else {}
     waiting = (
         _driven(CorpusEnv(), episode, rng, INTERFACED, seed)
         for seed, episode, rng in _rounds(config, episodes, INTERFACED)
     )
-    for driven in run_interface(waiting, make_interface(config.interface, **options), len(episodes)):
+    for driven in run_interface(waiting, make_interface(config.interface, config.controller), len(episodes)):
         yield _finished(driven)
 
 

@@ -14,7 +14,8 @@ from lerobot_dexflex.evaluation.policies import ObservedInterface, controller_di
 from lerobot_dexflex.evaluation.provenance import code_digest
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.recording.operation import OperatedHand, checked_interface, load_interface
+from lerobot_dexflex.interfaces.method import make_interface, require_drafts
+from lerobot_dexflex.recording.operation import OperatedHand
 
 _OPERATOR = 2
 """Tells the operator's own random numbers from those of the errors."""
@@ -42,7 +43,7 @@ class Operators:
         """
         make_expert(self.task)
         for name in interfaces:
-            checked_interface(name)
+            require_drafts(name)
         return {
             "operator": code_digest(("experts", "recording/operation.py"), policies=False),
             **controller_digests(interfaces, self.controller),
@@ -78,7 +79,7 @@ class OperatorController:
         """Start one episode per seed."""
         self._seeds, self._commands, self._hands, self._last = seeds, [], [], {}
         while len(self._observers) < len(seeds):
-            self._observers.append(ObservedInterface(load_interface(self._name, self._operators.controller)))
+            self._observers.append(ObservedInterface(make_interface(self._name, self._operators.controller)))
 
     def see(self, environments: Sequence[gymnasium.Env]) -> None:
         """Look at the episodes that have just been reset; called once per episode, before the first step."""

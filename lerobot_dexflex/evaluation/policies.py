@@ -17,10 +17,10 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.command_errors import NO_ERRORS, CommandErrors, PlanNoise, SupportRemoval
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.evaluation.provenance import checkpoint_digest
-from lerobot_dexflex.interfaces import Interface, interface_entry
-from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
+from lerobot_dexflex.interfaces import Interface, Method
 from lerobot_dexflex.interfaces.explanation import Explanation
 from lerobot_dexflex.interfaces.protocol import CommandSpace
+from lerobot_dexflex.runs.provenance import weights_digest
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class LeRobotPolicies:
         own = dict(self.own)
         if interface in own:
             return own[interface]
-        return self.joint if interface_entry(interface).command_space == "joint" else self.draft
+        return self.joint if Method.parse(interface).command_space == "joint" else self.draft
 
     def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
         """Check the checkpoints and controllers that are needed; returns their content hashes and the device.
@@ -64,7 +64,7 @@ class LeRobotPolicies:
             )
         found = {}
         for name in interfaces:
-            space = interface_entry(name).command_space
+            space = Method.parse(name).command_space
             folder = self.checkpoint(name)
             check_checkpoint(folder, space)
             found[f"checkpoint.{name if name in dict(self.own) else space}"] = checkpoint_digest(folder)
@@ -114,10 +114,8 @@ class AdaptedPolicies:
 
 def controller_digests(interfaces: Sequence[str], controller: str) -> dict[str, str]:
     """Return the content hashes of the controllers that the interfaces need."""
-    learned = [name for name in interfaces if interface_entry(name).learned]
-    return {
-        f"controller.{name}": controller_digest(controller_of(name, controller), name) for name in learned
-    }
+    learned = [name for name in interfaces if Method.parse(name).learned]
+    return {f"controller.{name}": weights_digest(Method.parse(name).weights(controller)) for name in learned}
 
 
 def _missing_files(folder: Path) -> list[str]:
@@ -166,8 +164,8 @@ def load_checkpoint(
 
     register_third_party_plugins()
     overrides = [f"--interface={interface}", f"--device={device}"]
-    if interface_entry(interface).learned:
-        overrides.append(f"--controller={controller_of(interface, controller)}")
+    if Method.parse(interface).learned:
+        overrides.append(f"--controller={Method.parse(interface).weights(controller)[0].parent}")
     config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
     config.pretrained_path = checkpoint
     with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.

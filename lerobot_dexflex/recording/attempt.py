@@ -17,8 +17,8 @@ from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.interfaces import Interface
-from lerobot_dexflex.recording.operation import OperatedHand, load_interface
+from lerobot_dexflex.interfaces import Interface, make_interface
+from lerobot_dexflex.recording.operation import OperatedHand
 from lerobot_dexflex.recording.schema import columns, rounded
 
 
@@ -89,7 +89,7 @@ def run_attempt(
 @functools.cache
 def _interface(name: str, controller: str) -> Interface:
     """Return this process's interface; a controller takes a second to load."""
-    return load_interface(name, controller)
+    return make_interface(name, controller)
 
 
 def _run(

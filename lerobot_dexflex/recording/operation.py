@@ -8,11 +8,9 @@ import torch
 from numpy.typing import ArrayLike
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
-from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.model import ARM_JOINTS
-from lerobot_dexflex.interfaces import INTERFACES, Interface, interface_entry, make_interface
-from lerobot_dexflex.interfaces.controller_folder import controller_of
+from lerobot_dexflex.interfaces import Interface
 
 _ARM = len(ARM_JOINTS)
 
@@ -57,25 +55,3 @@ class OperatedHand:
         assert tips is not None
         joints = np.concatenate([command.joint_targets[:_ARM], hand])
         return Command(joints, tips[0].numpy().copy(), joints + command.executed - command.joint_targets)
-
-
-def checked_interface(name: str) -> str:
-    """Return the name of an interface through which an operator can work.
-
-    Raises:
-        DexFlexError: If there is no such interface, or it does not read drafts.
-    """
-    if interface_entry(name).command_space != "draft":
-        drafts = [other for other, entry in INTERFACES.items() if entry.command_space == "draft"]
-        raise DexFlexError(
-            f"`interface` must be one that reads drafts: {', '.join(drafts)}. Got {name!r}: an operator "
-            "commands fingertips."
-        )
-    return name
-
-
-def load_interface(name: str, controller: str) -> Interface:
-    """Return an interface, with the controller it needs; an empty one is the shipped one."""
-    if interface_entry(name).learned:
-        return make_interface(name, controller=controller_of(name, controller))
-    return make_interface(name)
