@@ -103,7 +103,7 @@ class Search:
         only = SelectionSettings(
             n_pure=0, n_seeded=0, include_draft=False, projection=trial.settings, use_residual=False
         )
-        interface = DexFlexInterface(_controller(self.controller), only)
+        interface = DexFlexInterface(shared_controller(find_controller(self.controller)), only)
         chosen = [chains[seed] for seed in trial.seeds]
         episodes = run_chains(chosen, trial.errors, interface, seed=number, batch=BATCH)
         settings = asdict(trial.settings)

@@ -17,6 +17,7 @@ def test_default_names_are_methods_and_conditions(script):
         Method.parse(name)
     for name in (*script.CONDITIONS.split(","), *script.DEMO_CONDITIONS.split(",")):
         assert Condition.parse(name).name == name
+    ablations = tuple(INTERFACES["dexflex"].ablations)
     assert tuple(name.split("-")[1] for name in script.ABLATION_METHODS) == tuple(
         INTERFACES["dexflex"].ablations
     )
