@@ -12,7 +12,7 @@ from lerobot_dexflex.corpus.distortion import Distortion, sample_corruption
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.execution import Driven, run_interface, run_raw
 from lerobot_dexflex.corpus.manifest import kind_key, stage_folder
-from lerobot_dexflex.corpus.operated import GoalFollower
+from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.schema import ACQUIRED, INTERFACED, OPERATED, SEARCH
 from lerobot_dexflex.corpus.searched import search_episode

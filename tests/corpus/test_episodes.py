@@ -6,7 +6,7 @@ from lerobot_dexflex.corpus.acquisition import Acquisition, find_opening, open_e
 from lerobot_dexflex.corpus.distortion import Distortion, sample_corruption
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.execution import Driven, run_interface, run_raw
-from lerobot_dexflex.corpus.operated import GoalFollower
+from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.interfaces import make_interface
