@@ -9,7 +9,7 @@ from torch import Tensor
 
 from lerobot_dexflex.commands.draws import ErrorEvent
 from lerobot_dexflex.commands.families import CommandErrors
-from lerobot_dexflex.commands.stream import Entropy, ErrorStream, entropies
+from lerobot_dexflex.commands.stream import ErrorStream, Seed, seeds_of
 from lerobot_dexflex.conventions import FINGERTIPS, STATE, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, pads, solve_fingertips
@@ -43,11 +43,11 @@ class DisturbedInterface(WrappedInterface):
         self._outside: Tensor | None = None
         self._last: Tensor | None = None
 
-    def begin(self, seeds: Sequence[Entropy]) -> None:
+    def begin(self, seeds: Sequence[Seed]) -> None:
         """Begin an episode per row, whose errors follow from its seed: the same for every interface."""
         self._stream = ErrorStream(len(seeds))
         for row, seed in enumerate(seeds):
-            self._stream.begin(row, self.errors, entropies(self.errors, seed))
+            self._stream.begin(row, self.errors, seeds_of(self.errors, seed))
         self._outside = self._last = None
 
     @property

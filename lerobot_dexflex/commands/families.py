@@ -81,7 +81,9 @@ FAMILIES: dict[str, Family] = {
 """Every family by name, in the order in which joined ones act on a command."""
 CLEAN = "clean"
 """Name of no error."""
-_VALID = ", ".join(f"{name}_<{f.suffix or ('steps' if f.whole else 'factor')}>" for name, f in FAMILIES.items())
+_VALID = ", ".join(
+    f"{name}_<{f.suffix or ('steps' if f.whole else 'factor')}>" for name, f in FAMILIES.items()
+)
 
 
 @dataclass(frozen=True)

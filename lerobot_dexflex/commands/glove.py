@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from lerobot_dexflex.commands.disturbed import DisturbedInterface
 from lerobot_dexflex.commands.draws import ErrorEvent
 from lerobot_dexflex.commands.families import CommandErrors
-from lerobot_dexflex.commands.stream import Entropy
+from lerobot_dexflex.commands.stream import Seed
 from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.model import ARM_JOINTS
@@ -34,7 +34,7 @@ class GlovedHand:
     """
 
     def __init__(
-        self, interface: Interface, errors: CommandErrors, seed: Entropy, hand_joints: ArrayLike
+        self, interface: Interface, errors: CommandErrors, seed: Seed, hand_joints: ArrayLike
     ) -> None:
         self._interface = DisturbedInterface(interface, errors, held=True)
         self._interface.reset()
@@ -64,4 +64,6 @@ class GlovedHand:
         tips = self._interface.command
         assert tips is not None
         joints = np.concatenate([command.joint_targets[:_ARM], hand])
-        return Command(joints, tips[0].cpu().numpy().copy(), joints + command.executed - command.joint_targets)
+        return Command(
+            joints, tips[0].cpu().numpy().copy(), joints + command.executed - command.joint_targets
+        )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.draws import ErrorEvent
 from lerobot_dexflex.commands.families import CommandErrors
-from lerobot_dexflex.commands.stream import Entropy, ErrorStream, entropies
+from lerobot_dexflex.commands.stream import ErrorStream, Seed, seeds_of
 from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.experts.reach import kernels
@@ -246,7 +246,7 @@ def run_chains(
         for k in range(batch):
             if slots[k] is None and (n := next(waiting, None)) is not None:
                 slot = slots[k] = Slot(environments[k], chains[n], spoilt[n])
-                stream.begin(k, spoilt[n], _entropies(spoilt[n], chains[n].seed, seed))
+                stream.begin(k, spoilt[n], _seeds(spoilt[n], chains[n].seed, seed))
                 numbers[k], fresh[k], initial[k] = n, True, slot.held.joints
                 observations[k] = slot.observation
                 if teacher:
@@ -294,10 +294,10 @@ def _drafts(running: Sequence[tuple[int, Slot]], stream: ErrorStream, tips: Arra
     return drafts
 
 
-def _entropies(errors: CommandErrors, chain: int, seed: int) -> list[Entropy]:
+def _seeds(errors: CommandErrors, chain: int, seed: int) -> list[Seed]:
     """Return the seeds of an episode's errors; that of the first is as old as the benchmark."""
     first = (chain, seed, 7)
-    return [first, *entropies(errors, first)[1:]][: len(errors.errors)]
+    return [first, *seeds_of(errors, first)[1:]][: len(errors.errors)]
 
 
 def stack_observations(observations: Sequence[Mapping[str, NDArray]]) -> dict[str, torch.Tensor]:

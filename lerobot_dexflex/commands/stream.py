@@ -11,8 +11,8 @@ from lerobot_dexflex.commands import effects
 from lerobot_dexflex.commands.draws import ErrorEvent, RowErrors
 from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 
-Entropy = int | Sequence[int]
-"""What numpy's generators are seeded with."""
+Seed = int | tuple[int, ...]
+"""Of numpy's generators."""
 
 
 class ErrorStream:
@@ -28,15 +28,15 @@ class ErrorStream:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def begin(self, row: int, errors: CommandErrors, entropies: Sequence[Entropy]) -> None:
+    def begin(self, row: int, errors: CommandErrors, seeds: Sequence[Seed | np.random.Generator]) -> None:
         """Begin an episode in a row.
 
         Args:
             row: Of the batch.
             errors: What goes wrong.
-            entropies: Seed of every error's random numbers.
+            seeds: Of every error's random numbers, or its generator.
         """
-        self._rows[row] = RowErrors(errors, [np.random.default_rng(entropy) for entropy in entropies], row)
+        self._rows[row] = RowErrors(errors, [np.random.default_rng(seed) for seed in seeds], row)
 
     def restart(self, mask: Tensor | None = None) -> None:
         """Begin another episode in the rows of `mask`, shape (batch,), or in all, with further numbers."""
@@ -122,9 +122,9 @@ class ErrorStream:
         return _like(found, like)
 
 
-def entropies(errors: CommandErrors, entropy: Entropy) -> list[Entropy]:
-    """Return the seeds of an episode's errors; a family's do not depend on which others there are."""
-    first = (entropy,) if isinstance(entropy, int) else tuple(entropy)
+def seeds_of(errors: CommandErrors, seed: Seed) -> list[Seed]:
+    """Return the seeds of an episode's errors; a family's does not depend on which others there are."""
+    first = seed if isinstance(seed, tuple) else (seed,)
     return [(*first, *error.row.salt) for error in errors]
 
 
