@@ -246,7 +246,7 @@ def test_the_stand_in_device_refuses_what_cuda_refuses():
     with Elsewhere():
         there = moved({"x": torch.zeros(3)})["x"]
         with pytest.raises(RuntimeError, match="met tensors on lazy and on cpu"):
-            there + torch.ones(3)
+            torch.add(there, torch.ones(3))
         with pytest.raises(TypeError, match=r"Use Tensor\.cpu\(\) first"):
             there.numpy()
         assert (there + 1).cpu().numpy().tolist() == [1, 1, 1]

@@ -41,7 +41,7 @@ def test_the_gloves_jitter_is_drawn_from_its_seed_and_does_not_add_up():
 
 def test_the_arm_and_its_unsteadiness_pass():
     hand = GlovedHand(make_interface("raw"), CommandErrors.of(jitter=0.004), 3, START)
-    joints = np.linspace(0, 1, 23)
+    joints = np.arange(23) / 22.0
     got = hand.move(OBSERVATION, Command(joints, TIPS, joints + 0.01))
     np.testing.assert_array_equal(got.joint_targets[:7], joints[:7])
     np.testing.assert_allclose(got.executed - got.joint_targets, np.full(23, 0.01), atol=1e-12)
