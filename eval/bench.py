@@ -181,13 +181,14 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
 
 def grid_progress(result: Path) -> dict[tuple[int, int], float]:
     """Return the mean progress by numbers of candidates and evaluations; empty without the file."""
-    from lerobot_dexflex.evaluation.reach.methods import Method, selection_settings
+    from lerobot_dexflex.controller import SelectionSettings
+    from lerobot_dexflex.interfaces import Method
 
     if not result.is_file():
         return {}
     found = {}
     for name, numbers in json.loads(result.read_text())["families"].items():
-        settings = selection_settings(None, dict(Method.parse(name).options))
+        settings = SelectionSettings(**dict(Method.parse(name).options))
         found[settings.n_candidates, settings.nfe] = numbers["progress"]["mean"]
     return found
 

@@ -100,12 +100,12 @@ def build(options: argparse.Namespace) -> Any:
     """
     from lerobot_dexflex.evaluation.comparison import Comparison
     from lerobot_dexflex.evaluation.provenance import identity_digest
-    from lerobot_dexflex.interfaces import interface_entry
+    from lerobot_dexflex.interfaces import Method
 
     if options.task not in TASKS:
         raise DexFlexError(f"Unknown task {options.task!r}. Valid tasks: {', '.join(TASKS)}.")
     for name in options.interfaces:
-        interface_entry(name)
+        Method.parse(name)
     if options.workers < 0:
         raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")
     episodes, videos = (DEMO_EPISODES, DEMO_VIDEOS) if options.demo else (100, 4)
@@ -164,14 +164,14 @@ def own_policies(words: list[str]) -> tuple[tuple[str, Path], ...]:
     Raises:
         DexFlexError: If a word looks different, names no interface, or one a second time.
     """
-    from lerobot_dexflex.interfaces import interface_entry
+    from lerobot_dexflex.interfaces import Method
 
     found: dict[str, Path] = {}
     for word in words:
         name, equals, folder = word.partition("=")
         if not (equals and folder):
             raise DexFlexError(f"`--policy` must look like dexflex=<folder pretrained_model>. Got {word!r}.")
-        interface_entry(name)
+        Method.parse(name)
         if name in found:
             raise DexFlexError(f"`--policy` is given twice for {name}: {found[name]} and {folder}.")
         found[name] = Path(folder)

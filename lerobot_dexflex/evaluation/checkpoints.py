@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
@@ -87,7 +86,7 @@ def load_checkpoint(checkpoint: Path, method: Method, device: str, controller: s
     register_third_party_plugins()
     overrides = [f"--interface={method.name}", f"--device={device}"]
     if method.learned:
-        overrides.append(f"--controller={find_controller(controller)}")
+        overrides.append(f"--controller={method.weights(controller)[0].parent}")
     config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
     config.pretrained_path = checkpoint
     with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.

@@ -19,8 +19,7 @@ from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.interfaces import Interface
-from lerobot_dexflex.interfaces.method import make_interface
+from lerobot_dexflex.interfaces import Interface, make_interface
 from lerobot_dexflex.recording.schema import columns, rounded
 
 

@@ -7,9 +7,8 @@ from typing import Any
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module
-from lerobot_dexflex.interfaces import interface_entry
-from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
-from lerobot_dexflex.interfaces.method import require_drafts
+from lerobot_dexflex.interfaces.method import Method, require_drafts
+from lerobot_dexflex.runs.provenance import weights_digest
 
 LARGEST_NOISE = 0.02
 """Of `glove_noise` [m]: a fingertip's size."""
@@ -96,15 +95,14 @@ class RecordConfig:
         Raises:
             DexFlexError: If it is not there.
         """
-        if not interface_entry(self.interface).learned:
-            return ""
-        return controller_digest(controller_of(self.interface, self.controller), self.interface)
+        weights = Method.parse(self.interface).weights(self.controller)
+        return weights_digest(weights) if weights else ""
 
     @property
     def modules(self) -> tuple[str, ...]:
         """Modules whose source decides what an episode contains, with all that they import."""
-        task, interface = TASKS[self.task].module, interface_entry(self.interface).module
-        return ("lerobot_dexflex.recording.attempt", task, expert_module(self.task), interface)
+        task, interface = TASKS[self.task].module, Method.parse(self.interface).modules
+        return ("lerobot_dexflex.recording.attempt", task, expert_module(self.task), *interface)
 
     @property
     def attempt_limit(self) -> int:

@@ -8,7 +8,7 @@ from lerobot.optim import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces import INTERFACES, interface_entry
+from lerobot_dexflex.interfaces import INTERFACES, Method
 from lerobot_policy_dexflex.configuration_shared import check_interface, no_normalization
 
 ACTION_SPACES = ("joint", "draft")
@@ -27,9 +27,9 @@ class DexflexFlowConfig(PreTrainedConfig):
 
     # What is learned and how it is executed
     interface: str = "joint"
-    """How the hand is commanded: `joint`, `raw`, `filter`, `dexgen`, `dexflex` or another interface of
-    `lerobot_dexflex.interfaces`. Switchable at evaluation within the same action space: `joint` needs a
-    checkpoint of joint targets, the others one of commanded fingertips."""
+    """How the hand is commanded: `joint`, `raw`, `filter`, `dexgen`, `dexflex` or another method of
+    `lerobot_dexflex.interfaces`, such as `dexflex-notouch@0.7`. Switchable at evaluation within the same
+    action space: `joint` needs a checkpoint of joint targets, the others one of commanded fingertips."""
     controller: str = ""
     """Folder or hub id of the frozen controller of `dexgen` and `dexflex`; empty is the repository's own."""
     controller_digest: str = ""
@@ -137,7 +137,7 @@ class DexflexFlowConfig(PreTrainedConfig):
         Raises:
             DexFlexError: If the checkpoint learned another action space than the interface executes.
         """
-        wanted = interface_entry(self.interface).command_space
+        wanted = Method.parse(self.interface).command_space
         self.action_space = self.action_space or wanted
         if self.action_space != wanted:
             fitting = [n for n, entry in INTERFACES.items() if entry.command_space == self.action_space]

@@ -7,12 +7,13 @@ from typing import Any
 from lerobot_dexflex.commands.loop import Slot, run_chains
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.evaluation.policies import ObservedInterface
+from lerobot_dexflex.evaluation.reach.bounds import teacher_of
 from lerobot_dexflex.evaluation.reach.cells import Cell
-from lerobot_dexflex.evaluation.reach.methods import Method
 from lerobot_dexflex.evaluation.reach.record import Record, make_record
 from lerobot_dexflex.evaluation.report.film import Film, side_by_side
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.interfaces.method import Method
 
 
 def choose_episode(records: Sequence[Record], cell: str, saved_by: str) -> int | None:
@@ -51,7 +52,7 @@ def film(
             interface, Film(clips[-1]), RerunLog(folder / "rerun" / f"{stem}.rrd", name, index)
         )
         corruption = Cell.parse(cell).corruption
-        episode = run_chains([chain], corruption, interface, teacher=method.teacher, watch=watcher)[0]
+        episode = run_chains([chain], corruption, interface, teacher=teacher_of(method), watch=watcher)[0]
         identity: dict[str, Any] = {"method": name, "cell": cell, "index": index, "chain": "", "version": ""}
         watcher.close(make_record(episode, **identity, group=(index, index + 1), traced=False))
     path = folder / "videos" / f"{cell}_{index:04d}_side_by_side.mp4"

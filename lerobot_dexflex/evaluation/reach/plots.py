@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from lerobot_dexflex.evaluation.reach.methods import CLEAN, Method
+from lerobot_dexflex.evaluation.reach.bounds import CLEAN
 from lerobot_dexflex.evaluation.reach.record import Record
 from lerobot_dexflex.evaluation.reach.summary import FAMILIES
 from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_figure, new_panels, png
+from lerobot_dexflex.interfaces.method import Method
 
 BARS = {"duration": "duration", "progress": "task progress", "intent": "intent error"}
 _PERIOD = 0.05

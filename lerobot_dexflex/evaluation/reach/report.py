@@ -9,7 +9,6 @@ from lerobot_dexflex.evaluation.provenance import identity_digest, session_prove
 from lerobot_dexflex.evaluation.reach import plots, tables
 from lerobot_dexflex.evaluation.reach.cells import Cell
 from lerobot_dexflex.evaluation.reach.films import choose_episode, film
-from lerobot_dexflex.evaluation.reach.methods import Method
 from lerobot_dexflex.evaluation.reach.record import Record
 from lerobot_dexflex.evaluation.reach.runner import Benchmark
 from lerobot_dexflex.evaluation.reach.summary import FAMILIES, summarise
@@ -22,6 +21,7 @@ from lerobot_dexflex.evaluation.report.html_parts import (
     write_page,
 )
 from lerobot_dexflex.evaluation.store import Store, write_json
+from lerobot_dexflex.interfaces.method import Method
 
 RESULT, TABLES, PAGE = "degraded_commands.json", "degraded_commands.md", "report.html"
 

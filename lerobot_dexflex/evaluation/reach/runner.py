@@ -13,11 +13,13 @@ from tqdm import tqdm
 from lerobot_dexflex.commands.loop import MAX_STEPS, run_chains
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.provenance import code_digest, environment_identity, session
+from lerobot_dexflex.evaluation.reach.bounds import ORACLE, teacher_of
 from lerobot_dexflex.evaluation.reach.cells import Cell
 from lerobot_dexflex.evaluation.reach.chain_book import TEST_SEED, TUNING_SEED, ChainBook, chain_digest
-from lerobot_dexflex.evaluation.reach.methods import ORACLE, Method
 from lerobot_dexflex.evaluation.reach.record import Record, make_record
 from lerobot_dexflex.evaluation.store import Store
+from lerobot_dexflex.interfaces.method import Method
+from lerobot_dexflex.runs.provenance import method_version
 from lerobot_dexflex.runs.workers import run_each
 
 _WORLD = (
@@ -117,7 +119,7 @@ class Benchmark:
             cell.corruption,
             _interface(name, self.controller),
             batch=self.batch,
-            teacher=method.teacher,
+            teacher=teacher_of(method),
         )
         records = [
             make_record(
@@ -217,4 +219,5 @@ def _interface(method: str, controller: Path | None) -> Any:
 
 @functools.cache
 def _version(method: str, controller: Path | None) -> str:
-    return Method.parse(method).version(controller)
+    found = Method.parse(method)
+    return method_version(found.modules, found.weights(controller)).name

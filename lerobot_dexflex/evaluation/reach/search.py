@@ -22,12 +22,14 @@ from lerobot_dexflex.corpus.distortion import sample_corruption
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.provenance import environment_identity
 from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
-from lerobot_dexflex.evaluation.reach.methods import shared_controller
 from lerobot_dexflex.evaluation.store import Store
 from lerobot_dexflex.evaluation.whole_jobs import WholeJob, run_missing
 from lerobot_dexflex.experts.reach.chains import Chain
-from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, controller_digest, find_controller
+from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
+from lerobot_dexflex.interfaces.learned import shared_controller
+from lerobot_dexflex.interfaces.method import Method
+from lerobot_dexflex.runs.provenance import weights_digest
 
 RANGES = {
     "gain": (0.3, 1.2),
@@ -91,8 +93,8 @@ class Search:
 
     def identity(self) -> dict[str, Any]:
         """Return what every trial depends on."""
-        folder = find_controller(self.controller, DEXFLEX_FILES)
-        names = {"chains": self.n_chains, "controller": controller_digest(folder, "dexflex")}
+        weights = weights_digest(Method.parse("dexflex").weights(self.controller))
+        names = {"chains": self.n_chains, "controller": weights}
         return names | environment_identity()
 
 
@@ -124,7 +126,7 @@ def run_trial(search: Search, number: int) -> Trial:
     only = SelectionSettings(
         n_pure=0, n_seeded=0, include_draft=False, projection=settings, use_residual=False
     )
-    interface = DexFlexInterface(shared_controller(search.controller), only)
+    interface = DexFlexInterface(shared_controller(find_controller(search.controller)), only)
     episodes = run_chains(chosen, corruptions, interface, seed=number, batch=BATCH)
     return Trial(
         number=number,

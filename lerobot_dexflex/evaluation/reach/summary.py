@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.reach.bounds import CLEAN, ORACLE
 from lerobot_dexflex.evaluation.reach.cells import PAPER_FAMILIES, Cell
-from lerobot_dexflex.evaluation.reach.methods import CLEAN, ORACLE, Method
 from lerobot_dexflex.evaluation.reach.metrics import EVENT_LAGS
 from lerobot_dexflex.evaluation.reach.record import Record
+from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.statistics import holm, mean_interval, rank_test, success_rate
 
 FAMILIES = "families"
