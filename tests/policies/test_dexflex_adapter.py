@@ -112,8 +112,11 @@ def test_a_training_step_says_that_the_backbone_is_trained(adapter, observation)
 
 def test_comparisons_load_it_by_its_backbone_alone(backbone):
     policies = AdaptedPolicies(backbone)
-    assert set(policies.identity(["raw", "dexflex"])) == {"backbone", "controller.dexflex", "device"}
-    controller = policies("shrink")
+    policies.check(["raw", "dexflex"])
+    raw, ours = (policies.version(name, "PourCup-v0") for name in ("raw", "dexflex"))
+    assert raw.weights != ours.weights
+    assert raw.code != ours.code
+    controller = policies("hold")
     images = np.random.default_rng(0).integers(0, 255, (2, 1, 96, 96, 3), np.uint8)
     seen = {
         "pixels": {"front": images[0], "wrist": images[1]},
@@ -126,11 +129,11 @@ def test_comparisons_load_it_by_its_backbone_alone(backbone):
     first = controller.act(seen, "task")
     assert first.shape == (1, 23)
     assert controller.motion is not None
-    assert controller.motion.row(0).magnitude() == pytest.approx(0.5, abs=1e-3)
+    assert controller.motion.row(0).magnitude() == pytest.approx(1, abs=1e-3)
     controller.reset([5])
     np.testing.assert_array_equal(controller.act(seen, "task"), first)
 
 
 def test_a_comparison_without_the_backbones_checkpoint_is_refused(tmp_path):
     with pytest.raises(DexFlexError, match=r"config\.json, model\.safetensors not found.*--backbone="):
-        AdaptedPolicies(tmp_path).identity(["raw"])
+        AdaptedPolicies(tmp_path).check(["raw"])

@@ -1,4 +1,4 @@
-"""The scripted experts as operators: teleoperation through glove and interface, compared like policies."""
+"""The tasks' scripted experts as teleoperators: players whose fingertips pass through a glove."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,63 +8,66 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.evaluation.command_errors import NO_ERRORS, CommandErrors, SupportRemoval
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
+from lerobot_dexflex.commands.glove import GlovedHand
+from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.evaluation import rollout
+from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.outcome import Motion
-from lerobot_dexflex.evaluation.policies import ObservedInterface, controller_digests
-from lerobot_dexflex.evaluation.provenance import code_digest
-from lerobot_dexflex.experts import make_expert
+from lerobot_dexflex.experts import expert_module, make_expert
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.interfaces.method import make_interface, require_drafts
-from lerobot_dexflex.recording.operation import OperatedHand
+from lerobot_dexflex.runs.provenance import Version, method_version
 
-_OPERATOR = 2
-"""Tells the operator's own random numbers from those of the errors."""
+_OWN = 2
+"""Tells the teleoperator's own random numbers from those of the errors."""
 
 
 @dataclass(frozen=True)
-class Operators:
+class Teleoperators:
     """A task's scripted expert, whose commanded fingertips pass through a glove and an interface."""
 
     task: str
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
-    errors: CommandErrors = NO_ERRORS
-    """What glove and tracker make of the commanded fingertips."""
 
-    def __call__(self, interface: str) -> "OperatorController":
-        """Let the operator work through an interface."""
-        return OperatorController(self, interface)
+    def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "TeleoperatorController":
+        """Let the teleoperator work through a method, with the errors of its glove and tracker."""
+        return TeleoperatorController(self, method, errors)
 
-    def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
-        """Check the task and the interfaces; returns what decides the operator's behaviour.
+    def check(self, methods: Sequence[str]) -> None:
+        """Refuse what cannot run, before anything does.
 
         Raises:
-            DexFlexError: If the task has no expert, an interface does not read drafts or lacks a controller.
+            DexFlexError: If the task has no expert, or a method does not read drafts or lacks a controller.
         """
         make_expert(self.task)
-        for name in interfaces:
-            require_drafts(name)
-        return {
-            "operator": code_digest(("experts", "recording/operation.py"), policies=False),
-            **controller_digests(interfaces, self.controller),
-            **self.errors.identity(),
-        }
+        for name in methods:
+            require_drafts(name).weights(self.controller)
+
+    def version(self, method: str, task: str, **settings: Any) -> Version:
+        """Return what decides a method's episodes; see `LeRobotPolicies.version`."""
+        parsed = require_drafts(method)
+        own = (rollout.__name__, type(self).__module__, TASKS[task].module, expert_module(self.task))
+        weights = parsed.weights(self.controller)
+        return method_version((*own, *parsed.modules), weights, method=parsed.name, **settings)
 
 
-class OperatorController:
+class TeleoperatorController:
     """A privileged expert per episode. Satisfies `Controller`, but must see the environments first.
 
     Args:
-        operators: Task and errors of the commands.
-        interface: What executes the commanded fingertips.
+        teleoperators: Task and controller.
+        method: What executes the commanded fingertips.
+        errors: Of glove and tracker.
     """
 
-    def __init__(self, operators: Operators, interface: str) -> None:
-        self._operators, self._name = operators, interface
+    def __init__(self, teleoperators: Teleoperators, method: str, errors: CommandErrors) -> None:
+        self._teleoperators, self._method, self._errors = teleoperators, method, errors
         self._observers: list[ObservedInterface] = []
         self._seeds: Sequence[int] = ()
         self._commands: list[Iterator[Command]] = []
-        self._hands: list[OperatedHand] = []
+        self._hands: list[GlovedHand] = []
         self._last: dict[int, Command] = {}
 
     @property
@@ -79,19 +82,16 @@ class OperatorController:
         """Start one episode per seed."""
         self._seeds, self._commands, self._hands, self._last = seeds, [], [], {}
         while len(self._observers) < len(seeds):
-            self._observers.append(ObservedInterface(make_interface(self._name, self._operators.controller)))
+            interface = make_interface(self._method, self._teleoperators.controller)
+            self._observers.append(ObservedInterface(interface))
 
     def see(self, environments: Sequence[gymnasium.Env]) -> None:
         """Look at the episodes that have just been reset; called once per episode, before the first step."""
-        expert, errors = make_expert(self._operators.task), self._operators.errors
+        expert = make_expert(self._teleoperators.task)
         for row, (env, seed) in enumerate(zip(environments, self._seeds, strict=True)):
-            self._commands.append(expert(env.unwrapped, np.random.default_rng((seed, _OPERATOR))))
-            interface = self._observers[row]
-            if errors.removal:
-                interface = SupportRemoval(interface, errors.removal)
-                interface.begin([seed])
+            self._commands.append(expert(env.unwrapped, np.random.default_rng((seed, _OWN))))
             start = env.get_wrapper_attr("command")[7:]
-            self._hands.append(OperatedHand(interface, errors.noise, np.random.default_rng(seed), start))
+            self._hands.append(GlovedHand(self._observers[row], self._errors, seed, start))
 
     def act(self, observation: Mapping[str, Any], task: str) -> NDArray[np.floating]:
         """Return joint targets [rad], shape (batch, 23); an expert that is done keeps its last command."""
