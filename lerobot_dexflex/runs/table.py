@@ -75,20 +75,21 @@ class Table:
 
 def _open(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> tuple[str, ...]:
     """Make the file ready to be appended to; returns its columns."""
-    if not path.exists() or not path.stat().st_size:
-        _replace(path, ",".join(columns) + "\n")
-        return columns
-    if not path.is_file():
+    if path.exists() and not path.is_file():
         raise DexFlexError(f"{path} is no file; choose another one for the results.")
-    content = path.read_bytes()
-    if not content.endswith(b"\n"):  # A kill tore the last line off; its episode runs again.
-        _replace(path, content[: content.rfind(b"\n") + 1].decode())
-    found = tuple(path.read_text().partition("\n")[0].split(","))
+    content = path.read_bytes() if path.exists() else b""
+    header, newline, _ = content.partition(b"\n")
+    if not newline and ",".join(columns).startswith(header.decode(errors="replace")):
+        _replace(path, ",".join(columns) + "\n")  # New, or a kill tore its header off.
+        return columns
+    found = tuple(header.decode(errors="replace").split(","))
     if missing := [name for name in needed if name not in found]:
         raise DexFlexError(
             f"{path} is no table of episodes: it lacks the columns {', '.join(missing)}. Choose another "
             "folder; nothing was changed."
         )
+    if not content.endswith(b"\n"):  # A kill tore the last line off; its episode runs again.
+        _replace(path, content[: content.rfind(b"\n") + 1].decode())
     if added := [name for name in columns if name not in found]:
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
         for name in added:

@@ -154,7 +154,7 @@ def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -
     search.book.ensure(search.n_chains, workers, quiet)
     jobs = search.jobs(trials, version.name)
     path = search.output / TABLE
-    return run_missing(path, COLUMNS, jobs, {METHOD: version}, search.run_job, workers, quiet)
+    return run_missing(path, COLUMNS, jobs, [version], search.run_job, workers, quiet)
 
 
 @dataclass(frozen=True)
