@@ -24,10 +24,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     command.add_argument("--interfaces", nargs="+", default=["raw"], help="names of interfaces; default raw")
     command.add_argument(
-        "--noise",
-        type=float,
-        default=0.0,
-        help="half width of noise on fingertips [m]; default 0",
+        "--errors",
+        default="clean",
+        help="what goes wrong with the commands, e.g. jitter_2mm; default clean",
     )
     command.add_argument("--workers", type=int, default=2, help="worker processes; default 2")
     command.add_argument("--output", type=Path, help="also write all outcomes to this JSON file")
@@ -42,14 +41,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> None:
     """Replay, print the rates, and write the result file."""
+    from lerobot_dexflex.commands.families import CommandErrors
     from lerobot_dexflex.evaluation.replay import load_demonstrations, replay
     from lerobot_dexflex.evaluation.store import write_json
     from lerobot_dexflex.interfaces import make_interface
     from lerobot_dexflex.runs.provenance import commit
     from lerobot_dexflex.runs.statistics import success_rate
 
-    if not options.noise >= 0:
-        raise DexFlexError(f"`--noise` must not be negative [m]. Got {options.noise}.")
+    errors = CommandErrors.parse(options.errors)
     for name in options.interfaces:
         make_interface(name)
     demonstrations = load_demonstrations(options.root)
@@ -58,7 +57,7 @@ def run(options: argparse.Namespace) -> None:
     rates = {"expert, all attempts": expert}
     episodes: dict[str, list[dict[str, Any]]] = {}
     for name in options.interfaces:
-        outcomes = replay(demonstrations, name, options.workers, noise=options.noise)
+        outcomes = replay(demonstrations, name, options.workers, errors=errors)
         rates[f"{name}, replayed from its successes"] = success_rate([o.success for o in outcomes])
         episodes[name] = [dataclasses.asdict(o) for o in outcomes]
     for name, rate in rates.items():

@@ -1,1 +1,1 @@
-"""Command streams: what degrades an operator's commands, and the loop that executes them."""
+"""What goes wrong with commands, where it enters, and the loop in which an operator's are executed."""

@@ -1,8 +1,8 @@
-"""The closed loop: operator, corrupted command, interface, hand; batched over chains of goals.
+"""The closed loop: operator, spoilt command, interface, hand; batched over chains of goals.
 
 Each slot of a batch runs one chain; when it ends the next chain takes its place, so learned interfaces
 always see full batches. At every step the operator looks at the state that was actually reached, its clean
-displacement is corrupted, and the draft is the corrupted displacement held over the horizon: an operator
+displacement is spoilt, and the draft is the spoilt displacement held over the horizon: an operator
 with a glove knows no future. What a method changes, the operator notices.
 """
 
@@ -14,7 +14,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from lerobot_dexflex.commands.corruption import CommandStream, Corruption
+from lerobot_dexflex.commands.draws import ErrorEvent
+from lerobot_dexflex.commands.families import CommandErrors
+from lerobot_dexflex.commands.stream import ErrorStream, Seed, seeds_of
 from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.experts.reach import kernels
@@ -50,7 +52,7 @@ class Episode:
     """What happened in one chain. T = steps run; tips in the palm frame."""
 
     chain: Chain
-    corruption: Corruption
+    errors: CommandErrors
     dropped: bool = False
     goals_reached: int = 0
     progress: float = 0.0
@@ -58,13 +60,15 @@ class Episode:
     label: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
     """Clean command u* at the state reached [m]. Shape (T, 4, 3)."""
     draft: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    """Corrupted command [m]. Shape (T, 4, 3)."""
+    """Spoilt command [m]. Shape (T, 4, 3)."""
     executed: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
     """Executed displacement of the commanded tips [m]. Shape (T, 4, 3)."""
     loads: Array = field(default_factory=lambda: np.zeros((0, 4)))
     """Normal force of each tip before the step [N]. Shape (T, 4)."""
     in_event: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    """Whether a removal was going on. Shape (T,)."""
+    """Whether an event (removal, freeze, dropout) was going on. Shape (T,)."""
+    events: list[ErrorEvent] = field(default_factory=list)
+    """What went wrong now and then: family, onset, end, finger."""
     goal_error: Array = field(default_factory=lambda: np.zeros((0, 2)))
     """Distance [m] and angle [rad] to the goal after the step. Shape (T, 2)."""
     explanations: list[Any] = field(default_factory=list)
@@ -81,10 +85,9 @@ class Episode:
 class Slot:
     """One running chain."""
 
-    def __init__(self, env: ReachEnv, chain: Chain, corruption: Corruption, seed: int) -> None:
+    def __init__(self, env: ReachEnv, chain: Chain, errors: CommandErrors) -> None:
         self.held = HeldObject(env, chain.seed, chain.episode)
-        self.episode = Episode(chain, corruption)
-        self.stream: CommandStream = corruption.stream(np.random.default_rng((chain.seed, seed, 7)))
+        self.episode = Episode(chain, errors)
         self.state: HandState = self.held.senses.read()
         self.observation = self.held.observation
         self._home = self.held.home
@@ -98,18 +101,19 @@ class Slot:
         """Control steps run so far."""
         return len(self._series.get("label", ()))
 
-    def command(self, tips: Array) -> Array:
-        """Ask the operator, corrupt the answer; returns the draft's displacement [m] (4, 3).
+    def ask(self, tips: Array) -> Array:
+        """Return the operator's clean displacement [m] (4, 3).
 
         Args:
             tips: Commanded fingertips before the step [m]. Shape (4, 3).
         """
         self._tips = tips
-        label = self.held.operator.displacement(tips, self.state)
-        draft = self.stream.step(label, self.state.loads, self.state.inward)
-        self._keep(label=label, draft=draft, loads=self.state.loads, in_event=self.stream.in_event)
-        self.label = label
-        return draft
+        self.label = self.held.operator.displacement(tips, self.state)
+        return self.label
+
+    def spoil(self, draft: Array, in_event: bool) -> None:
+        """Note what is left of the displacement [m] (4, 3), and whether an event is going on."""
+        self._keep(label=self.label, draft=draft, loads=self.state.loads, in_event=in_event)
 
     def advance(self, joints: Array, tips: Array, explanation: Any, record: bool) -> bool:
         """Execute joints [rad] (16,) that put the commanded tips at `tips` [m] (4, 3); say if it goes on."""
@@ -158,9 +162,10 @@ class Slot:
             return self._next_goal()
         return True
 
-    def finish(self) -> Episode:
-        """Return the episode with its series as arrays."""
+    def finish(self, events: Sequence[ErrorEvent] = ()) -> Episode:
+        """Return the episode with its series as arrays, and with the events of its errors."""
         episode, series = self.episode, self._series
+        episode.events = list(events)
         if self._goal < len(episode.chain.goals):
             episode.progress += self._partial()
         episode.progress /= len(episode.chain.goals)
@@ -198,7 +203,7 @@ class Slot:
 
 def run_chains(
     chains: Sequence[Chain],
-    corruption: Corruption | Sequence[Corruption],
+    errors: CommandErrors | Sequence[CommandErrors],
     interface: Interface,
     *,
     seed: int = 0,
@@ -211,13 +216,13 @@ def run_chains(
     """Run one episode per chain and return them in the order of the chains.
 
     Everything random about an episode follows from its chain's seed and `seed`, so that methods meet the
-    same starts, goals and corruption.
+    same starts, goals and errors.
 
     Args:
         chains: Starts and goals.
-        corruption: How commands are degraded, for all or for each chain.
+        errors: What goes wrong with the commands, for all or for each chain.
         interface: The method under test.
-        seed: Further seed of the corruption.
+        seed: Further seed of the errors.
         batch: Number of hands that are simulated side by side.
         max_steps: Time limit in control steps.
         record: Whether to keep observations and commands in `Episode.rows`.
@@ -225,12 +230,13 @@ def run_chains(
             instead of the draft. Only for interfaces that execute drafts as they are.
         watch: Called with the chain's index and its slot after each step, to film or log it.
     """
-    corruptions = [corruption] * len(chains) if isinstance(corruption, Corruption) else list(corruption)
+    spoilt = [errors] * len(chains) if isinstance(errors, CommandErrors) else list(errors)
     batch = min(batch, len(chains))
     environments = [ReachEnv(cameras=()) for _ in range(batch)]
     waiting = iter(range(len(chains)))
     finished: dict[int, Episode] = {}
     slots: list[Slot | None] = [None] * batch
+    stream = ErrorStream(batch)
     numbers, teachers = [-1] * batch, [_never()] * batch
     observations: list[dict[str, NDArray]] = [{}] * batch
     initial = np.zeros((batch, 16))
@@ -239,7 +245,8 @@ def run_chains(
         fresh = np.zeros(batch, bool)
         for k in range(batch):
             if slots[k] is None and (n := next(waiting, None)) is not None:
-                slot = slots[k] = Slot(environments[k], chains[n], corruptions[n], seed)
+                slot = slots[k] = Slot(environments[k], chains[n], spoilt[n])
+                stream.begin(k, spoilt[n], _seeds(spoilt[n], chains[n].seed, seed))
                 numbers[k], fresh[k], initial[k] = n, True, slot.held.joints
                 observations[k] = slot.observation
                 if teacher:
@@ -251,13 +258,13 @@ def run_chains(
             interface.reset(torch.from_numpy(fresh))
         stacked = stack_observations(observations)
         tips = interface.start(stacked, torch.from_numpy(initial)).numpy().copy()
-        displacement = np.zeros((batch, 4, 3))  # Ended rows stand still until the last one ends.
+        drafts = _drafts(running, stream, tips)
         for k, slot in running:
-            draft = slot.command(tips[k])
-            displacement[k] = slot.label if next(teachers[k]) else draft
+            if next(teachers[k]):
+                drafts[k] = slot.label
         if isinstance(interface, Privileged):
             interface.see(slots)
-        draft = torch.from_numpy(displacement)[:, None].expand(-1, DRAFT_HORIZON, -1, -1)
+        draft = torch.from_numpy(drafts)[:, None].expand(-1, DRAFT_HORIZON, -1, -1)
         joints = interface.step(stacked, draft).numpy()
         command = interface.command
         assert command is not None
@@ -269,8 +276,28 @@ def run_chains(
             if watch:
                 watch(numbers[k], slot)
             if not goes_on or slot.steps >= max_steps:
-                finished[numbers[k]] = slot.finish()
+                finished[numbers[k]] = slot.finish([e for e in stream.events if e.row == k])
                 slots[k] = None
+
+
+def _drafts(running: Sequence[tuple[int, Slot]], stream: ErrorStream, tips: Array) -> Array:
+    """Ask every operator and spoil the answers [m] (batch, 4, 3); ended rows stand still."""
+    clean, loads, inward = np.zeros_like(tips), np.zeros(tips.shape[:2]), np.zeros_like(tips)
+    for k, slot in running:
+        clean[k], loads[k], inward[k] = slot.ask(tips[k]), slot.state.loads, slot.state.inward
+    motion = stream.delayed(torch.from_numpy(clean))[:, None]
+    spoilt = stream.step(motion, torch.from_numpy(loads), torch.from_numpy(inward))[:, 0].numpy()
+    drafts, in_event = np.zeros_like(tips), stream.in_event
+    for k, slot in running:
+        drafts[k] = spoilt[k]
+        slot.spoil(spoilt[k].copy(), bool(in_event[k]))
+    return drafts
+
+
+def _seeds(errors: CommandErrors, chain: int, seed: int) -> list[Seed]:
+    """Return the seeds of an episode's errors; that of the first is as old as the benchmark."""
+    first = (chain, seed, 7)
+    return [first, *seeds_of(errors, first)[1:]][: len(errors.errors)]
 
 
 def stack_observations(observations: Sequence[Mapping[str, NDArray]]) -> dict[str, torch.Tensor]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.corpus.env import CorpusEnv
-from lerobot_dexflex.corpus.operated import GoalFollower
+from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.world import Support, World
 from lerobot_dexflex.envs.reach import DROP_STEPS, ReachEpisode

@@ -1,9 +1,11 @@
-"""Bad commands with breaks: corrupted stretches bring the hand off its way, clean ones show the way back."""
+"""Bad commands with breaks: spoilt stretches bring the hand off its way, clean ones show the way back."""
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
-from lerobot_dexflex.commands.corruption import Corruption
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandError, CommandErrors
+from lerobot_dexflex.commands.stream import ErrorStream
 from lerobot_dexflex.experts.reach.sensing import HandState
 
 Array = NDArray[np.float64]
@@ -21,33 +23,35 @@ _STRENGTHS = {
 """Range of every family: [m], [1], [control steps], [m] per step, [m] per step."""
 
 
-def sample_corruption(rng: np.random.Generator, clean_share: float = _CLEAN_SHARE) -> Corruption:
+def sample_errors(rng: np.random.Generator, clean_share: float = _CLEAN_SHARE) -> CommandErrors:
     """Draw a family and a strength; a share stays clean."""
     if rng.random() < clean_share:
-        return Corruption()
+        return NO_ERRORS
     family = str(rng.choice(list(_STRENGTHS)))
     low, high = _STRENGTHS[family]
     strength = float(rng.integers(low, high + 1)) if family == "delay" else float(rng.uniform(low, high))
-    return Corruption(family, strength)
+    return CommandErrors((CommandError(family, strength),))
 
 
 class Distortion:
-    """Corrupt an operator's displacements and say when they are to be executed.
+    """Spoil an operator's displacements and say when they are to be executed.
 
     Args:
-        corruption: What happens to the commands.
-        rng: Source of randomness.
+        errors: What happens to the commands.
+        rng: Source of randomness, of everything in the episode.
     """
 
-    def __init__(self, corruption: Corruption, rng: np.random.Generator) -> None:
-        self.corruption = corruption
-        self._stream, self._rng = corruption.stream(rng), rng
+    def __init__(self, errors: CommandErrors, rng: np.random.Generator) -> None:
+        self._stream, self._rng = ErrorStream(1), rng
+        # Clean commands draw what all errors draw at first, so that a seed goes on as it always has.
+        self._stream.begin(0, errors or CommandErrors.of(scale=1.0), [rng for _ in errors or (None,)])
         self._active, self._left = False, int(rng.integers(*_STRETCH))
 
     def step(self, label: Array, now: HandState) -> tuple[Array, bool]:
-        """Return the corrupted displacement [m] (4, 3) and whether it, not the label, is executed."""
+        """Return the spoilt displacement [m] (4, 3) and whether it, not the label, is executed."""
         if self._left == 0:
             self._active, self._left = not self._active, int(self._rng.integers(*_STRETCH))
         self._left -= 1
-        draft = self._stream.step(label, now.loads, now.inward)
-        return draft, self._active
+        clean, loads, inward = (torch.from_numpy(np.array([part])) for part in (label, now.loads, now.inward))
+        draft = self._stream.step(self._stream.delayed(clean)[:, None], loads, inward)
+        return draft[0, 0].numpy(), self._active

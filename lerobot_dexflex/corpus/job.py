@@ -8,11 +8,11 @@ import numpy as np
 
 from lerobot_dexflex.corpus.acquisition import Acquisition, find_opening, open_episode
 from lerobot_dexflex.corpus.config import CorpusConfig
-from lerobot_dexflex.corpus.distortion import Distortion, sample_corruption
+from lerobot_dexflex.corpus.distortion import Distortion, sample_errors
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.execution import Driven, run_interface, run_raw
+from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.manifest import kind_key, stage_folder
-from lerobot_dexflex.corpus.operated import GoalFollower
 from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.schema import ACQUIRED, INTERFACED, OPERATED, SEARCH
 from lerobot_dexflex.corpus.searched import search_episode
@@ -29,7 +29,7 @@ _EPISODE_STEPS = (60, 180)
 _MAX_ROUNDS = 12
 """After so many rounds through its objects a job is content with fewer steps."""
 _DISTORTED = 0.3
-"""How often the commands of an acquisition are corrupted."""
+"""How often the commands of an acquisition are spoilt."""
 
 
 def run_job(config: CorpusConfig, commit: str, split: str, number: int) -> None:
@@ -110,24 +110,24 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
         if opening is None:
             continue
         world = World.sample(rng)
-        corruption = sample_corruption(rng, clean_share=1.0 - _DISTORTED)
-        facts = {"seed": seed, "corruption": corruption.name}
+        errors = sample_errors(rng, clean_share=1.0 - _DISTORTED)
+        facts = {"seed": seed, "corruption": errors.name}
         run = Run(env, open_episode(_varied(episode, rng), world, opening, rng), world, ACQUIRED, facts)
         leader = Acquisition(opening, rng)
-        run_raw(Driven(run, leader, Distortion(corruption, rng)))
+        run_raw(Driven(run, leader, Distortion(errors, rng)))
         facts["released"] = not run.lost_steps
         yield run.finish()._replace(totals={"acquisitions": 1, "released": int(facts["released"])})
 
 
 def _driven(env: CorpusEnv, episode: ReachEpisode, rng: np.random.Generator, kind: int, seed: int) -> Driven:
-    """Start an operator under corrupted commands, in half of the episodes with pushes and slips too."""
+    """Start an operator under spoilt commands, in half of the episodes with pushes and slips too."""
     world, steps = World.sample(rng), int(rng.integers(*_EPISODE_STEPS))
     episode = _varied(episode, rng)
     if rng.random() < 0.5:
         world.disturb(rng, steps, episode.object_spec.mass)
-    corruption = sample_corruption(rng)
-    run = Run(env, episode, world, kind, {"seed": seed, "corruption": corruption.name})
-    return Driven(run, GoalFollower(run, rng, steps), Distortion(corruption, rng))
+    errors = sample_errors(rng)
+    run = Run(env, episode, world, kind, {"seed": seed, "corruption": errors.name})
+    return Driven(run, GoalFollower(run, rng, steps), Distortion(errors, rng))
 
 
 def _finished(driven: Driven) -> Shard:

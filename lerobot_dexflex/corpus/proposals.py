@@ -1,11 +1,13 @@
 """Chunks to replay from kept states: the expert's own, spoilt ones, and a trained controller's proposals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
+from lerobot_dexflex.commands import effects
 from lerobot_dexflex.controller import DexFlexController, History, SelectionSettings
 from lerobot_dexflex.controller.config import DRAFT_HISTORY, FRAMES
 from lerobot_dexflex.controller.history import SLOW_OFFSETS, past_rows
@@ -19,7 +21,7 @@ _BATCH = 256
 
 
 def perturbed(chunk: Array, outward: Array, rng: np.random.Generator) -> Array:
-    """Spoil a chunk in one of five ways: noise, frozen fingers, removal of a finger, scale, bias.
+    """Spoil a chunk in one of five ways: noise, fingers that stand still or leave, scale, bias.
 
     Args:
         chunk: Displacements of the commanded tips [m]. Shape (8, 4, 3).
@@ -27,41 +29,44 @@ def perturbed(chunk: Array, outward: Array, rng: np.random.Generator) -> Array:
         rng: Source of randomness.
     """
     spoil = _SPOILERS[int(rng.integers(len(_SPOILERS)))]
-    return spoil(chunk.copy(), outward, rng)
+    return spoil(torch.from_numpy(chunk)[None], torch.from_numpy(outward), rng)[0].numpy()
 
 
-def _noisy(chunk: Array, outward: Array, rng: np.random.Generator) -> Array:
+def _noisy(chunk: Tensor, outward: Tensor, rng: np.random.Generator) -> Tensor:
     del outward
-    strength = rng.uniform(*_NOISE)
-    return chunk + rng.uniform(-strength, strength, chunk.shape)
+    return effects.shaken(chunk, _uniform(rng, _NOISE, chunk.shape))
 
 
-def _frozen(chunk: Array, outward: Array, rng: np.random.Generator) -> Array:
+def _still(chunk: Tensor, outward: Tensor, rng: np.random.Generator) -> Tensor:
     del outward
-    chunk[:, rng.permutation(_FINGERS)[: rng.integers(1, _FINGERS + 1)]] = 0.0
-    return chunk
+    fingers = rng.permutation(_FINGERS)[: rng.integers(1, _FINGERS + 1)]
+    return effects.stopped(chunk, torch.from_numpy(np.isin(np.arange(_FINGERS), fingers))[:, None])
 
 
-def _removed(chunk: Array, outward: Array, rng: np.random.Generator) -> Array:
+def _removed(chunk: Tensor, outward: Tensor, rng: np.random.Generator) -> Tensor:
     finger, begin = int(rng.integers(_FINGERS)), int(rng.integers(HORIZON // 2))
-    chunk[begin:, finger] = rng.uniform(*_REMOVAL) * outward[finger]
-    return chunk
+    gone = (torch.arange(HORIZON) >= begin)[:, None] & (torch.arange(_FINGERS) == finger)  # (steps, fingers)
+    return effects.leaving(chunk, gone[..., None], rng.uniform(*_REMOVAL) * outward)
 
 
-def _scaled(chunk: Array, outward: Array, rng: np.random.Generator) -> Array:
+def _scaled(chunk: Tensor, outward: Tensor, rng: np.random.Generator) -> Tensor:
     del outward
-    return rng.uniform(*_SCALE) * chunk
+    return effects.scaled(chunk, torch.tensor(rng.uniform(*_SCALE), dtype=chunk.dtype))
 
 
-def _biased(chunk: Array, outward: Array, rng: np.random.Generator) -> Array:
+def _biased(chunk: Tensor, outward: Tensor, rng: np.random.Generator) -> Tensor:
     del outward
-    strength = rng.uniform(*_BIAS)
-    return chunk + rng.uniform(-strength, strength, chunk.shape[1:])
+    return effects.shaken(chunk, _uniform(rng, _BIAS, chunk.shape[2:]))
 
 
-_SPOILERS: tuple[Callable[[Array, Array, np.random.Generator], Array], ...] = (
+def _uniform(rng: np.random.Generator, strengths: tuple[float, float], shape: Sequence[int]) -> Tensor:
+    strength = rng.uniform(*strengths)
+    return torch.from_numpy(rng.uniform(-strength, strength, shape))
+
+
+_SPOILERS: tuple[Callable[[Tensor, Tensor, np.random.Generator], Tensor], ...] = (
     _noisy,
-    _frozen,
+    _still,
     _removed,
     _scaled,
     _biased,

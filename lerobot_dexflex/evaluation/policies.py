@@ -1,9 +1,6 @@
-"""LeRobot checkpoints as controllers, loaded through LeRobot's own API."""
+"""LeRobot checkpoints as players: who plays the episodes of a comparison."""
 
-import contextlib
-import io
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,19 +10,29 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lerobot_dexflex.commands.disturbed import DisturbedInterface
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
+from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.command_errors import NO_ERRORS, CommandErrors, PlanNoise, SupportRemoval
+from lerobot_dexflex.evaluation import rollout
+from lerobot_dexflex.evaluation.checkpoints import (
+    LoadedPolicy,
+    adapter_modules,
+    check_backbone,
+    check_checkpoint,
+    load_adapter,
+    load_checkpoint,
+    policy_modules,
+)
+from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.outcome import Motion
-from lerobot_dexflex.evaluation.provenance import checkpoint_digest
-from lerobot_dexflex.interfaces import Interface, interface_entry
-from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
-from lerobot_dexflex.interfaces.explanation import Explanation
-from lerobot_dexflex.interfaces.protocol import CommandSpace
+from lerobot_dexflex.interfaces.method import Method
+from lerobot_dexflex.runs.provenance import Version, method_version
 
 
 @dataclass(frozen=True)
 class LeRobotPolicies:
-    """One checkpoint per action space, shared by its interfaces, unless they have their own."""
+    """One checkpoint per action space, shared by its methods, unless they have their own."""
 
     joint: Path
     """Folder `pretrained_model` of the policy that learned joint targets."""
@@ -34,195 +41,111 @@ class LeRobotPolicies:
     device: str = "cpu"
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
-    errors: CommandErrors = NO_ERRORS
-    """What goes wrong with the plans on their way to the interface."""
     own: tuple[tuple[str, Path], ...] = ()
-    """Interfaces with a checkpoint of their own, e.g. trained on demonstrations recorded through them."""
+    """Methods with a checkpoint of their own, e.g. trained on demonstrations recorded through them."""
 
-    def __call__(self, interface: str) -> "LeRobotController":
-        """Load the checkpoint that fits the interface."""
-        folder = self.checkpoint(interface)
-        return load_checkpoint(folder, interface, self.device, self.controller, self.errors)
+    def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "LeRobotController":
+        """Load the checkpoint that fits the method, with what goes wrong with its plans."""
+        parsed = Method.parse(method)
+        loaded = load_checkpoint(self.checkpoint(method), parsed, self.device, self.controller)
+        return LeRobotController(loaded, errors)
 
-    def checkpoint(self, interface: str) -> Path:
-        """Return the checkpoint folder of an interface."""
-        own = dict(self.own)
-        if interface in own:
-            return own[interface]
-        return self.joint if interface_entry(interface).command_space == "joint" else self.draft
+    def checkpoint(self, method: str) -> Path:
+        """Return the checkpoint folder of a method."""
+        parsed = Method.parse(method)
+        shared = self.joint if parsed.command_space == "joint" else self.draft
+        return self._own.get(parsed.name, shared)
 
-    def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
-        """Check the checkpoints and controllers that are needed; returns their content hashes and the device.
+    @property
+    def _own(self) -> dict[str, Path]:
+        return {Method.parse(name).name: folder for name, folder in self.own}
+
+    def check(self, methods: Sequence[str]) -> None:
+        """Refuse what cannot run, before anything does.
 
         Raises:
-            DexFlexError: If one is missing, a checkpoint learned another action space, or one is given for an
-                interface that is not compared.
+            DexFlexError: If a checkpoint or controller is missing, a checkpoint learned another action space,
+                or one is given for a method that is not compared.
         """
-        if strangers := [name for name in dict(self.own) if name not in interfaces]:
+        compared = {Method.parse(name).name for name in methods}
+        if strangers := [name for name in self._own if name not in compared]:
             raise DexFlexError(
-                f"A checkpoint is given for {', '.join(strangers)}, but compared are {', '.join(interfaces)}."
+                f"A checkpoint is given for {', '.join(strangers)}, but compared are {', '.join(methods)}."
             )
-        found = {}
-        for name in interfaces:
-            space = interface_entry(name).command_space
-            folder = self.checkpoint(name)
-            check_checkpoint(folder, space)
-            found[f"checkpoint.{name if name in dict(self.own) else space}"] = checkpoint_digest(folder)
-        return {
-            **found,
-            **controller_digests(interfaces, self.controller),
-            **self.errors.identity(),
-            "device": self.device,
-        }
+        for name in methods:
+            check_checkpoint(self.checkpoint(name), Method.parse(name).command_space)
+            Method.parse(name).weights(self.controller)
+
+    def version(self, method: str, task: str, **settings: Any) -> Version:
+        """Return what decides a method's episodes on a task.
+
+        Args:
+            method: Name of the method.
+            task: Name in `TASKS`.
+            **settings: Whatever else decides, e.g. `batch_size`.
+
+        Raises:
+            DexFlexError: If its checkpoint or controller is missing or does not fit.
+        """
+        folder = self.checkpoint(method)
+        check_checkpoint(folder, Method.parse(method).command_space)
+        modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *policy_modules(folder))
+        return _version(method, modules, folder, self.controller, device=self.device, **settings)
 
 
 @dataclass(frozen=True)
 class AdaptedPolicies:
-    """One checkpoint of any chunking policy of LeRobot, under `dexflex_adapter`, for all interfaces."""
+    """One checkpoint of any chunking policy of LeRobot, under `dexflex_adapter`, for all methods."""
 
     backbone: Path
     """Folder `pretrained_model` of a policy that learned the whole action of a recorded dataset."""
     device: str = "cpu"
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
-    errors: CommandErrors = NO_ERRORS
-    """What goes wrong with the plans on their way to the interface."""
 
-    def __call__(self, interface: str) -> "LeRobotController":
-        """Put the interface under the policy."""
-        return load_adapter(self.backbone, interface, self.device, self.controller, self.errors)
+    def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "LeRobotController":
+        """Put the method's interface under the policy, with what goes wrong with its plans."""
+        loaded = load_adapter(self.backbone, Method.parse(method), self.device, self.controller)
+        return LeRobotController(loaded, errors)
 
-    def identity(self, interfaces: Sequence[str]) -> dict[str, str]:
-        """Check that the checkpoint is there; returns content hashes and the device.
+    def check(self, methods: Sequence[str]) -> None:
+        """Refuse what cannot run, before anything does.
 
         Raises:
             DexFlexError: If the checkpoint or a controller is missing.
         """
-        if missing := _missing_files(self.backbone):
-            raise DexFlexError(
-                f"No checkpoint at {self.backbone}: {', '.join(missing)} not found. Give "
-                "--backbone=<run>/checkpoints/last/pretrained_model of a policy that lerobot-train trained, "
-                "e.g. with --policy.type=act."
-            )
-        return {
-            "backbone": checkpoint_digest(self.backbone),
-            **controller_digests(interfaces, self.controller),
-            **self.errors.identity(),
-            "device": self.device,
-        }
+        check_backbone(self.backbone)
+        for name in methods:
+            Method.parse(name).weights(self.controller)
+
+    def version(self, method: str, task: str, **settings: Any) -> Version:
+        """Return what decides a method's episodes on a task; see `LeRobotPolicies.version`."""
+        check_backbone(self.backbone)
+        modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *adapter_modules())
+        return _version(method, modules, self.backbone, self.controller, device=self.device, **settings)
 
 
-def controller_digests(interfaces: Sequence[str], controller: str) -> dict[str, str]:
-    """Return the content hashes of the controllers that the interfaces need."""
-    learned = [name for name in interfaces if interface_entry(name).learned]
-    return {
-        f"controller.{name}": controller_digest(controller_of(name, controller), name) for name in learned
-    }
-
-
-def _missing_files(folder: Path) -> list[str]:
-    return [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]
-
-
-def check_checkpoint(folder: Path, space: CommandSpace) -> None:
-    """Refuse a folder that is no checkpoint of this action space; reads its configuration only.
-
-    Raises:
-        DexFlexError: Says how to train what is missing.
-    """
-    interface = {"joint": "joint", "draft": "raw"}[space]
-    remedy = (
-        f"Give --{space}-policy=<run>/checkpoints/last/pretrained_model, or train one: lerobot-train "
-        f"--policy.type=dexflex_flow --policy.interface={interface} --policy.push_to_hub=false "
-        "--dataset.repo_id=lerobot-dexflex/place_hammer --dataset.root=datasets/place_hammer "
-        f"--output_dir=outputs/train/{space}"
-    )
-    if missing := _missing_files(folder):
-        raise DexFlexError(f"No {space} checkpoint at {folder}: {', '.join(missing)} not found. {remedy}")
-    config = json.loads((folder / "config.json").read_text())
-    if config.get("action_space") != space:
-        raise DexFlexError(
-            f"The checkpoint {folder} ({config.get('type')}) learned the action space "
-            f"{config.get('action_space')!r}, but this interface executes {space!r}. {remedy}"
-        )
-
-
-def load_checkpoint(
-    checkpoint: Path, interface: str, device: str, controller: str = "", errors: CommandErrors = NO_ERRORS
-) -> "LeRobotController":
-    """Load a policy of our own.
-
-    Args:
-        checkpoint: Folder `pretrained_model`.
-        interface: Overrides the checkpoint's interface.
-        device: Torch device.
-        controller: Overrides the checkpoint's controller; empty is the shipped one.
-        errors: See `LeRobotController`.
-    """
-    # LeRobot takes seconds to import; only workers pay.
-    from lerobot.configs import PreTrainedConfig
-    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
-    from lerobot.utils.import_utils import register_third_party_plugins
-
-    register_third_party_plugins()
-    overrides = [f"--interface={interface}", f"--device={device}"]
-    if interface_entry(interface).learned:
-        overrides.append(f"--controller={controller_of(interface, controller)}")
-    config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
-    config.pretrained_path = checkpoint
-    with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.
-        policy: Any = get_policy_class(config.type).from_pretrained(str(checkpoint), config=config)
-    processors = make_pre_post_processors(
-        config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
-    )
-    return LeRobotController(policy.eval(), *processors, errors)
-
-
-def load_adapter(
-    backbone: Path, interface: str, device: str, controller: str = "", errors: CommandErrors = NO_ERRORS
-) -> "LeRobotController":
-    """Put an interface under another policy; arguments as for `load_checkpoint`."""
-    from lerobot.configs import PreTrainedConfig
-    from lerobot.policies.factory import make_pre_post_processors
-    from lerobot.utils.import_utils import register_third_party_plugins
-
-    from lerobot_policy_dexflex.configuration_dexflex_adapter import DexflexAdapterConfig
-    from lerobot_policy_dexflex.modeling_dexflex_adapter import DexflexAdapterPolicy
-
-    register_third_party_plugins()
-    config = DexflexAdapterConfig(
-        backbone_path=str(backbone), interface=interface, controller=controller, device=device
-    )
-    config.input_features = PreTrainedConfig.from_pretrained(backbone).input_features
-    with contextlib.redirect_stdout(io.StringIO()):
-        policy = DexflexAdapterPolicy(config)
-    return LeRobotController(policy.eval(), *make_pre_post_processors(config), errors)
+def _version(name: str, modules: Sequence[str], folder: Path, controller: str, **settings: Any) -> Version:
+    method = Method.parse(name)
+    weights = (folder, *method.weights(controller))
+    return method_version((*modules, *method.modules), weights, method=method.name, **settings)
 
 
 class LeRobotController:
-    """A LeRobot policy under one interface, batched, with its noise drawn per episode.
+    """A LeRobot policy under one interface, batched, its noise drawn per episode. Satisfies `Controller`.
 
     Args:
-        policy: A policy with an interface.
-        preprocess: LeRobot's pipeline before it.
-        postprocess: LeRobot's pipeline after it.
+        loaded: A policy with an interface.
         errors: What goes wrong with its plans.
     """
 
-    def __init__(
-        self, policy: Any, preprocess: Any, postprocess: Any, errors: CommandErrors = NO_ERRORS
-    ) -> None:
-        self._policy, self._preprocess, self._postprocess = policy, preprocess, postprocess
-        execution = policy.execution
+    def __init__(self, loaded: LoadedPolicy, errors: CommandErrors = NO_ERRORS) -> None:
+        self._policy, self._preprocess, self._postprocess = loaded
+        execution = self._policy.execution
         self._observer = ObservedInterface(execution.interface)
-        self._removal = SupportRemoval(self._observer, errors.removal) if errors.removal else None
-        execution.interface = self._removal or self._observer
-        self._noise = PlanNoise(errors.noise, self._observer.command_space) if errors.noise else None
+        self._disturbed = DisturbedInterface(self._observer, errors) if errors else None
+        execution.interface = self._disturbed or self._observer
         self._generators: list[torch.Generator] = []
-        self._step = 0
-        if noise := self._noise:
-            begin = execution.begin
-            execution.begin = lambda chunk: begin(noise.disturbed(chunk, self._step))
 
     @property
     def motion(self) -> Motion | None:
@@ -234,11 +157,8 @@ class LeRobotController:
         torch.manual_seed(seeds[0])  # For a policy under the adapter that samples: it draws its own noise.
         self._policy.reset()
         self._generators = [torch.Generator().manual_seed(seed) for seed in seeds]
-        if self._noise:
-            self._noise.reset(seeds)
-        if self._removal:
-            self._removal.begin(seeds)
-        self._step = 0
+        if self._disturbed:
+            self._disturbed.begin(seeds)
 
     @torch.inference_mode()
     def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
@@ -248,7 +168,6 @@ class LeRobotController:
         batch = preprocess_observation(observation)
         batch["task"] = [task] * len(self._generators)  # pyright: ignore[reportArgumentType]
         action = self._policy.select_action(self._preprocess(batch), **self._start())
-        self._step += 1
         return self._postprocess(action).to("cpu").numpy()
 
     def _start(self) -> dict[str, Tensor]:
@@ -257,42 +176,3 @@ class LeRobotController:
             return {}
         shape = (self._policy.config.chunk_size, len(self._policy.normalization.columns))
         return {"noise": torch.stack([torch.randn(shape, generator=g) for g in self._generators])}
-
-
-class ObservedInterface:
-    """Passes all to an interface and remembers how it changed the last draft. Satisfies `Interface`."""
-
-    def __init__(self, inner: Interface) -> None:
-        self._inner = inner
-        self.name: str = inner.name
-        self.command_space: CommandSpace = inner.command_space
-        self.motion: Motion | None = None
-
-    @property
-    def command(self) -> Tensor | None:
-        """Executed commanded fingertips [m]. Shape (batch, 4, 3)."""
-        return self._inner.command
-
-    @property
-    def explanation(self) -> Explanation | None:
-        """Why the interface did what it did in the last step, if it tells."""
-        return getattr(self._inner, "explanation", None)
-
-    def reset(self, mask: Tensor | None = None) -> None:
-        """Begin a new episode in the rows of `mask`, or in all."""
-        self.motion = None
-        self._inner.reset(mask)
-
-    def start(self, observation: Mapping[str, Tensor], initial: Tensor | None = None) -> Tensor:
-        """Return the commanded fingertips before this step [m], (batch, 4, 3); see `Interface.start`."""
-        return self._inner.start(observation, initial)
-
-    def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
-        """Return the inner interface's joint targets; see `Interface.step`."""
-        before = self._inner.start(observation)
-        targets = self._inner.step(observation, draft)
-        command = self._inner.command
-        if self.command_space == "draft" and command is not None:
-            parts = (draft[:, 0], command - before, command)
-            self.motion = Motion(*(part.double().cpu().numpy() for part in parts))
-        return targets

@@ -14,13 +14,15 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from lerobot_dexflex.commands.disturbed import DisturbedInterface
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Motion, Outcome
 from lerobot_dexflex.evaluation.rollout import run_group
 from lerobot_dexflex.hand.model import JOINTS
-from lerobot_dexflex.interfaces import make_interface
+from lerobot_dexflex.interfaces.method import make_interface
 from lerobot_dexflex.recording.schema import FPS, columns
 from lerobot_dexflex.recording.staging import RECORD_FILE
 from lerobot_dexflex.runs.workers import run_each
@@ -77,15 +79,16 @@ class ReplayController:
         actions: Recorded actions, shape (steps, 35).
         interface: `joint` executes the joint targets; the others read drafts that lead the commanded
             fingertips to the recorded ones.
-        noise: Half width of uniform noise on the commanded fingertips, new at every step and axis [m].
+        errors: What goes wrong with the commands; those of joint targets are moved by as much.
     """
 
     motion: Motion | None = None
 
-    def __init__(self, actions: NDArray[np.float32], interface: str, noise: float = 0.0) -> None:
+    def __init__(
+        self, actions: NDArray[np.float32], interface: str, errors: CommandErrors = NO_ERRORS
+    ) -> None:
         self._actions = torch.from_numpy(np.array(actions, np.float64))
-        self._noise = noise
-        self._interface = make_interface(interface)
+        self._interface = DisturbedInterface(make_interface(interface), errors)
         self._step = 0
 
     def reset(self, seeds: Sequence[int]) -> None:
@@ -93,9 +96,8 @@ class ReplayController:
         if len(seeds) != 1:
             raise DexFlexError(f"A replay runs one episode at a time. Got {len(seeds)} seeds.")
         self._interface.reset()
+        self._interface.begin(seeds)
         self._step = 0
-        self._rng = np.random.default_rng(seeds[0])
-        self._errors: list[NDArray[np.float64]] = []
 
     def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
         """Return the next joint targets [rad]. Shape (1, 23)."""
@@ -110,18 +112,11 @@ class ReplayController:
         if self._interface.command_space == "joint":
             draft = joints[None, :, _ARM:]
         else:
-            planned = tips.view(-1, 4, 3) + self._noise * self._error_ahead()
             start = self._interface.start(state)
-            draft = torch.diff(planned[None], dim=1, prepend=start[:, None])
+            draft = torch.diff(tips.view(1, -1, 4, 3), dim=1, prepend=start[:, None])
         self._step += 1
         hand = self._interface.step(state, draft)
         return torch.cat([joints[:1, :_ARM], hand], dim=1).numpy()
-
-    def _error_ahead(self) -> torch.Tensor:
-        """Return the errors of the next steps, each drawn once: in ±1, shape (horizon, 4, 3)."""
-        while len(self._errors) < self._step + DRAFT_HORIZON:
-            self._errors.append(self._rng.uniform(-1, 1, (4, 3)))
-        return torch.from_numpy(np.stack(self._errors[self._step :]))
 
 
 def replay(
@@ -129,7 +124,7 @@ def replay(
     interface: str,
     workers: int = 2,
     quiet: bool = False,
-    noise: float = 0.0,
+    errors: CommandErrors = NO_ERRORS,
 ) -> list[Outcome]:
     """Replay every episode from its own initial state.
 
@@ -138,10 +133,10 @@ def replay(
         interface: Name of the interface.
         workers: Worker processes; 0 replays in this process.
         quiet: Show no progress bar.
-        noise: Half width of uniform noise on the commanded fingertips [m]; the interface `joint` ignores it.
+        errors: What goes wrong with the commands.
     """
     numbers = iter(range(len(demonstrations.seeds)))
-    job = functools.partial(_replay_one, str(demonstrations.root), interface, noise)
+    job = functools.partial(_replay_one, str(demonstrations.root), interface, errors)
     outcomes = []
     with tqdm(total=len(demonstrations.seeds), unit="episode", desc=interface, disable=quiet) as bar:
         for outcome in run_each(job, lambda running: next(numbers, None), workers):
@@ -159,9 +154,9 @@ def _loaded(root: str) -> tuple[Demonstrations, gymnasium.Env]:
     return demonstrations, gymnasium.make(name, cameras=(), disable_env_checker=True)
 
 
-def _replay_one(root: str, interface: str, noise: float, episode: int) -> Outcome:
+def _replay_one(root: str, interface: str, errors: CommandErrors, episode: int) -> Outcome:
     demonstrations, env = _loaded(root)
-    controller = ReplayController(demonstrations.actions[episode], interface, noise)
+    controller = ReplayController(demonstrations.actions[episode], interface, errors)
     seed = demonstrations.seeds[episode]
     [recorder] = run_group([env], controller, [seed])
     return recorder.outcome(interface, episode, seed, (episode, episode + 1))

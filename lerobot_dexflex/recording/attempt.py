@@ -12,13 +12,15 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
+from lerobot_dexflex.commands.glove import GlovedHand
 from lerobot_dexflex.conventions import LEROBOT_KEYS
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.interfaces import Interface
-from lerobot_dexflex.recording.operation import OperatedHand, load_interface
+from lerobot_dexflex.interfaces.method import make_interface
 from lerobot_dexflex.recording.schema import columns, rounded
 
 
@@ -89,7 +91,7 @@ def run_attempt(
 @functools.cache
 def _interface(name: str, controller: str) -> Interface:
     """Return this process's interface; a controller takes a second to load."""
-    return load_interface(name, controller)
+    return make_interface(name, controller)
 
 
 def _run(
@@ -105,8 +107,8 @@ def _run(
     commands: Iterator[Command] = expert(env.unwrapped, np.random.default_rng((seed, index)))
     hand = None
     if interface is not None:
-        rng, start = np.random.default_rng((seed, index, 1)), env.get_wrapper_attr("command")[7:]
-        hand = OperatedHand(interface, glove_noise, rng, start)
+        errors = CommandErrors.of(jitter=glove_noise) if glove_noise else NO_ERRORS
+        hand = GlovedHand(interface, errors, (seed, index, 1), env.get_wrapper_attr("command")[7:])
     frames: list[dict[str, NDArray]] = []
     steps = 0
     for command in commands:

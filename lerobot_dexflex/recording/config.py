@@ -9,7 +9,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module
 from lerobot_dexflex.interfaces import interface_entry
 from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
-from lerobot_dexflex.recording.operation import checked_interface
+from lerobot_dexflex.interfaces.method import require_drafts
 
 LARGEST_NOISE = 0.02
 """Of `glove_noise` [m]: a fingertip's size."""
@@ -77,7 +77,7 @@ class RecordConfig:
             raise DexFlexError(
                 f"`glove_noise` must be in [0, {LARGEST_NOISE}] m. Got {self.glove_noise}; millimetres?"
             )
-        checked_interface(self.interface)
+        require_drafts(self.interface)
         if 0 < self.max_attempts < self.episodes:
             raise DexFlexError(
                 f"`max_attempts` ({self.max_attempts}) must not be below `episodes` ({self.episodes}); "

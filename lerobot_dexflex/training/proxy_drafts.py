@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor
 
+from lerobot_dexflex.commands import effects
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 
 _LARGEST_DELAY = 3
@@ -14,7 +15,7 @@ def constant_velocity(displacement: Tensor) -> Tensor:
 
 
 def proxy_drafts(past: Tensor, clean: Tensor) -> tuple[Tensor, Tensor]:
-    """Corrupt clean motion in one of seven ways per row, the past and the chunk alike.
+    """Spoil clean motion in one of seven ways per row, the past and the chunk alike.
 
     Rows stay clean, get noise, a gain, a delay, single fingers lost or pushed aside, a bias, or smoothing;
     two thirds of the drafts are then held at constant velocity. Drawn from torch's global generator.
@@ -44,17 +45,15 @@ def _same(motion: Tensor) -> Tensor:
 
 def _noise(motion: Tensor) -> Tensor:
     size = 0.002 * torch.rand(len(motion), 1, 1, 1)
-    return motion + size * (2 * torch.rand_like(motion) - 1)
+    return effects.shaken(motion, size * (2 * torch.rand_like(motion) - 1))
 
 
 def _gain(motion: Tensor) -> Tensor:
-    return motion * (0.4 + 1.4 * torch.rand(len(motion), 1, 1, 1))
+    return effects.scaled(motion, 0.4 + 1.4 * torch.rand(len(motion), 1, 1, 1))
 
 
 def _delay(motion: Tensor) -> Tensor:
-    steps = torch.randint(1, _LARGEST_DELAY + 1, (len(motion), 1))
-    source = (torch.arange(motion.shape[1]) - steps).clamp(min=0)
-    return motion[torch.arange(len(motion))[:, None], source]
+    return effects.late(motion, torch.randint(1, _LARGEST_DELAY + 1, (len(motion), 1)))
 
 
 def _fingers(motion: Tensor) -> Tensor:
@@ -66,12 +65,12 @@ def _fingers(motion: Tensor) -> Tensor:
     )
     begin = torch.randint(steps - DRAFT_HORIZON + 1, (rows, 1))
     during = (torch.arange(steps) >= begin).view(rows, steps, 1, 1) * finger
-    stopped = motion * (1 - during)
-    return torch.where(torch.rand(rows, 1, 1, 1) < 0.5, stopped, motion + during * push)
+    stopped, pushed = effects.stopped(motion, during > 0), effects.shaken(motion, during * push)
+    return torch.where(torch.rand(rows, 1, 1, 1) < 0.5, stopped, pushed)
 
 
 def _bias(motion: Tensor) -> Tensor:
-    return motion + 0.0005 * torch.randn(len(motion), 1, 4, 3)
+    return effects.shaken(motion, 0.0005 * torch.randn(len(motion), 1, 4, 3))
 
 
 def _smooth(motion: Tensor) -> Tensor:

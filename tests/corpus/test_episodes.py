@@ -1,34 +1,35 @@
 import numpy as np
 import pytest
 
-from lerobot_dexflex.commands.corruption import Corruption
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.corpus.acquisition import Acquisition, find_opening, open_episode
-from lerobot_dexflex.corpus.distortion import Distortion, sample_corruption
+from lerobot_dexflex.corpus.distortion import Distortion, sample_errors
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.execution import Driven, run_interface, run_raw
-from lerobot_dexflex.corpus.operated import GoalFollower
+from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.interfaces import make_interface
 
 
-def driven(episode, corruption, steps=60, seed=0):
+def driven(episode, errors, steps=60, seed=0):
     rng = np.random.default_rng(seed)
     run = Run(CorpusEnv(), episode, World(), 1, {})
-    return Driven(run, GoalFollower(run, rng, steps), Distortion(corruption, rng))
+    return Driven(run, GoalFollower(run, rng, steps), Distortion(errors, rng))
 
 
 def test_corruptions_are_drawn_from_every_family():
     rng = np.random.default_rng(0)
-    drawn = [sample_corruption(rng) for _ in range(300)]
-    families = [corruption.family for corruption in drawn]
+    drawn = [sample_errors(rng) for _ in range(300)]
+    families = [errors.name.partition("_")[0] for errors in drawn]
     assert set(families) == {"clean", "noise", "scale", "delay", "removal", "bias"}
     assert 0.1 < families.count("clean") / 300 < 0.2
-    assert {c.strength for c in drawn if c.family == "delay"} == {1.0, 2.0, 3.0, 4.0, 5.0}
+    delays = {error.strength for errors in drawn for error in errors if error.family == "delay"}
+    assert delays == {1.0, 2.0, 3.0, 4.0, 5.0}
 
 
 def test_clean_and_corrupted_stretches_take_turns(episode):
-    ride = driven(episode, Corruption("noise", 0.001))
+    ride = driven(episode, CommandErrors.of(noise=0.001))
     run_raw(ride)
     rows = ride.run.finish().tensors
     lengths = np.diff(np.flatnonzero(np.diff(rows["expert"].astype(int))))
@@ -40,7 +41,7 @@ def test_clean_and_corrupted_stretches_take_turns(episode):
 
 
 def test_the_operator_reaches_goals_with_clean_commands(episode):
-    ride = driven(episode, Corruption(), steps=120)
+    ride = driven(episode, NO_ERRORS, steps=120)
     run_raw(ride)
     assert isinstance(ride.leader, GoalFollower)
     assert ride.leader.solved >= 2
@@ -50,9 +51,9 @@ def test_the_operator_reaches_goals_with_clean_commands(episode):
 
 @pytest.mark.parametrize("batch", [1, 2])
 def test_the_raw_interface_does_what_raw_execution_does(episode, batch):
-    reference = driven(episode, Corruption("bias", 0.0005), steps=30)
+    reference = driven(episode, CommandErrors.of(bias=0.0005), steps=30)
     run_raw(reference)
-    waiting = iter([driven(episode, Corruption("bias", 0.0005), steps=30) for _ in range(3)])
+    waiting = iter([driven(episode, CommandErrors.of(bias=0.0005), steps=30) for _ in range(3)])
     ended = list(run_interface(waiting, make_interface("raw"), batch))
     assert len(ended) == 3
     for ride in ended:
@@ -67,7 +68,7 @@ def test_an_object_is_taken_carried_and_given_back(episode):
     opening = find_opening(env, episode, rng)
     assert opening is not None
     run = Run(env, open_episode(episode, world, opening, rng), world, 2, {})
-    run_raw(Driven(run, Acquisition(opening, rng), Distortion(Corruption(), rng)))
+    run_raw(Driven(run, Acquisition(opening, rng), Distortion(NO_ERRORS, rng)))
     rows = run.finish().tensors
     first, second = world.supports
     assert first.stop is not None

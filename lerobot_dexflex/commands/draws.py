@@ -1,0 +1,157 @@
+"""The random numbers of one hand's command errors: drawn on the CPU, the same on every device."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from lerobot_dexflex.commands.families import ONSET, REMOVAL_STEPS, CommandError, CommandErrors
+
+Array = NDArray[np.float64]
+
+MIN_LOAD = 0.05
+"""A finger that carries less is not removed [N]: the hand holds nothing."""
+
+
+class ErrorEvent(NamedTuple):
+    """A stretch of an episode in which something went wrong with a hand's commands."""
+
+    row: int
+    """Of the batch."""
+    family: str
+    onset: int
+    """First control step, counted from the start of the episode."""
+    end: int
+    """One past the last step."""
+    finger: int | None
+    """Index in `FINGER_NAMES`; None for all fingers."""
+
+
+class EventSchedule:
+    """When the events of one error begin and whom they strike.
+
+    Args:
+        error: Of a family with an onset.
+        rng: Source of randomness.
+        until: Steps to the first event.
+    """
+
+    def __init__(self, error: CommandError, rng: np.random.Generator, until: int) -> None:
+        self.error, self._rng, self._until = error, rng, until
+        self._left = 0
+        self.finger: int | None = None
+        self.outward = np.zeros(3)
+
+    @property
+    def active(self) -> bool:
+        """Whether an event is going on."""
+        return self._left > 0
+
+    def advance(self, loads: Array, inward: Array) -> bool:
+        """Go on by a control step; returns whether an event begins with it. Arguments as `RowErrors`'."""
+        self._left = max(0, self._left - 1)
+        self._until -= 1
+        onset = self.error.row.onset
+        if self._until > 0 or self.active or onset is None:
+            return False
+        self._until = int(self._rng.integers(*onset.next)) + self.error.steps - REMOVAL_STEPS
+        if not self._strike(loads, inward):
+            return False
+        self._left = self.error.steps
+        return True
+
+    def _strike(self, loads: Array, inward: Array) -> bool:
+        if self.error.family == "dropout":
+            self.finger = int(self._rng.integers(4))
+        elif self.error.family == "removal":
+            self.finger = int(np.argmax(loads))
+            self.outward = -self.error.strength * inward[self.finger]
+            return bool(loads[self.finger] > MIN_LOAD)
+        return True
+
+
+class RowErrors:
+    """The errors of one hand, step by step.
+
+    Args:
+        errors: What goes wrong.
+        generators: Source of randomness of every error.
+        row: Of the batch, for the log.
+    """
+
+    def __init__(
+        self, errors: CommandErrors, generators: Sequence[np.random.Generator] = (), row: int = 0
+    ) -> None:
+        self._errors, self._generators, self._row = errors, generators, row
+        strengths = {error.family: error.strength for error in errors}
+        self.factor = strengths.get("scale", 1.0)
+        self.lag = int(strengths.get("delay", 0))
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin another episode; the generators go on."""
+        self.bias = np.zeros((4, 3))
+        self.schedules: list[EventSchedule] = []
+        self.drawn: dict[str, list[Array]] = {}
+        self._step, self._events = -1, list[ErrorEvent]()
+        self._past: deque[Tensor] = deque(maxlen=self.lag + 1)
+        for error, rng in zip(self._errors, self._generators, strict=True):
+            if error.family == "jitter":
+                continue
+            # Drawn for every other family, needed or not: so a seed has meant the same episode from the start.
+            bias, until = rng.uniform(-1, 1, (4, 3)) * error.strength, int(rng.integers(*ONSET.first))
+            if error.family == "bias":
+                self.bias = bias
+            if error.row.onset:
+                self.schedules.append(EventSchedule(error, rng, until))
+
+    @property
+    def events(self) -> list[ErrorEvent]:
+        """Events until now; the end of one that is going on is the step after this one."""
+        return [event._replace(end=min(event.end, self._step + 1)) for event in self._events]
+
+    def advance(self, loads: Array, inward: Array) -> None:
+        """Go on by a control step.
+
+        Args:
+            loads: Normal force of each fingertip [N]. Shape (4,).
+            inward: Contact normals into the object. Shape (4, 3).
+        """
+        self._step += 1
+        for schedule in self.schedules:
+            if schedule.advance(loads, inward):
+                error, onset = schedule.error, self._step
+                event = ErrorEvent(self._row, error.family, onset, onset + error.steps, schedule.finger)
+                self._events.append(event)
+
+    def delayed(self, now: Tensor) -> Tensor:
+        """Return what was given `lag` steps ago, or the first thing of the episode."""
+        self._past.append(now)
+        return self._past[0]
+
+    def offsets(self, ahead: int, absolute: bool) -> Array:
+        """Return the errors of displacements of this step and the next ones [m]. Shape (ahead, 4, 3).
+
+        They belong to control steps: one that is planned twice has the same error in both plans.
+
+        Args:
+            ahead: Number of steps.
+            absolute: Whether the first displacement leads from where the hand is to where it should be. If
+                not, it starts at a position that was off as well.
+        """
+        total = np.tile(self.bias, (ahead, 1, 1))
+        for error, rng in zip(self._errors, self._generators, strict=True):
+            if error.family not in ("noise", "jitter"):
+                continue
+            drawn, step, width = self.drawn.setdefault(error.family, []), self._step, error.strength
+            while len(drawn) < step + ahead:
+                drawn.append(rng.uniform(-width, width, (4, 3)))
+            found = np.stack(drawn[step : step + ahead])
+            if error.family == "jitter":
+                before = np.zeros((4, 3)) if absolute or step == 0 else drawn[step - 1]
+                found = np.diff(found, axis=0, prepend=before[None])
+            total = total + found
+        return total

@@ -1,0 +1,132 @@
+"""Checkpoints of LeRobot policies: refused early if they do not fit, loaded through LeRobot's own API."""
+
+import contextlib
+import io
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.interfaces.controller_folder import find_controller
+from lerobot_dexflex.interfaces.method import Method
+from lerobot_dexflex.interfaces.protocol import CommandSpace
+
+_PLUGIN = "lerobot_policy_dexflex"
+_ADAPTER = "dexflex_adapter"
+
+
+class LoadedPolicy(NamedTuple):
+    """A policy with LeRobot's pipelines before and after it."""
+
+    policy: Any
+    preprocess: Any
+    postprocess: Any
+
+
+def check_checkpoint(folder: Path, space: CommandSpace) -> None:
+    """Refuse a folder that is no checkpoint of this action space; reads its configuration only.
+
+    Raises:
+        DexFlexError: Says how to train what is missing.
+    """
+    interface = {"joint": "joint", "draft": "raw"}[space]
+    remedy = (
+        f"Give --{space}-policy=<run>/checkpoints/last/pretrained_model, or train one: lerobot-train "
+        f"--policy.type=dexflex_flow --policy.interface={interface} --policy.push_to_hub=false "
+        "--dataset.repo_id=lerobot-dexflex/place_hammer --dataset.root=datasets/place_hammer "
+        f"--output_dir=outputs/train/{space}"
+    )
+    if missing := _missing_files(folder):
+        raise DexFlexError(f"No {space} checkpoint at {folder}: {', '.join(missing)} not found. {remedy}")
+    config = _config(folder)
+    if config.get("action_space") != space:
+        raise DexFlexError(
+            f"The checkpoint {folder} ({config.get('type')}) learned the action space "
+            f"{config.get('action_space')!r}, but this interface executes {space!r}. {remedy}"
+        )
+
+
+def check_backbone(folder: Path) -> None:
+    """Refuse a folder that is no checkpoint at all.
+
+    Raises:
+        DexFlexError: If files are missing.
+    """
+    if missing := _missing_files(folder):
+        raise DexFlexError(
+            f"No checkpoint at {folder}: {', '.join(missing)} not found. Give "
+            "--backbone=<run>/checkpoints/last/pretrained_model of a policy that lerobot-train trained, "
+            "e.g. with --policy.type=act."
+        )
+
+
+def policy_modules(folder: Path) -> tuple[str, ...]:
+    """Return the plugin's modules that run a checkpoint of ours."""
+    return _modules(str(_config(folder).get("type")))
+
+
+def adapter_modules() -> tuple[str, ...]:
+    """Return the plugin's modules that put interfaces under other policies."""
+    return _modules(_ADAPTER)
+
+
+def load_checkpoint(checkpoint: Path, method: Method, device: str, controller: str = "") -> LoadedPolicy:
+    """Load a policy of our own.
+
+    Args:
+        checkpoint: Folder `pretrained_model`.
+        method: Overrides the checkpoint's interface.
+        device: Torch device.
+        controller: Overrides the checkpoint's controller; empty is the shipped one.
+    """
+    # LeRobot takes seconds to import; only workers pay.
+    from lerobot.configs import PreTrainedConfig
+    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+    from lerobot.utils.import_utils import register_third_party_plugins
+
+    register_third_party_plugins()
+    overrides = [f"--interface={method.name}", f"--device={device}"]
+    if method.learned:
+        overrides.append(f"--controller={find_controller(controller)}")
+    config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
+    config.pretrained_path = checkpoint
+    with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.
+        policy: Any = get_policy_class(config.type).from_pretrained(str(checkpoint), config=config)
+    processors = make_pre_post_processors(
+        config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
+    )
+    return LoadedPolicy(policy.eval(), *processors)
+
+
+def load_adapter(backbone: Path, method: Method, device: str, controller: str = "") -> LoadedPolicy:
+    """Put an interface under another policy; arguments as for `load_checkpoint`."""
+    from lerobot.configs import PreTrainedConfig
+    from lerobot.policies.factory import get_policy_class, make_policy_config, make_pre_post_processors
+    from lerobot.utils.import_utils import register_third_party_plugins
+
+    register_third_party_plugins()
+    config: Any = make_policy_config(
+        _ADAPTER, backbone_path=str(backbone), interface=method.name, controller=controller, device=device
+    )
+    config.input_features = PreTrainedConfig.from_pretrained(backbone).input_features
+    with contextlib.redirect_stdout(io.StringIO()):
+        policy = get_policy_class(config.type)(config)
+    return LoadedPolicy(policy.eval(), *make_pre_post_processors(config))
+
+
+def _modules(policy_type: str) -> tuple[str, ...]:
+    return tuple(f"{_PLUGIN}.{part}_{policy_type}" for part in ("configuration", "modeling", "processor"))
+
+
+def _config(folder: Path) -> dict[str, Any]:
+    try:
+        config = json.loads((folder / "config.json").read_text())
+    except ValueError as error:
+        raise DexFlexError(f"{folder}/config.json is damaged ({error}); train or copy it again.") from error
+    if not isinstance(config, dict):
+        raise DexFlexError(f"{folder}/config.json is damaged (no object); train or copy it again.")
+    return config
+
+
+def _missing_files(folder: Path) -> list[str]:
+    return [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]

@@ -1,0 +1,104 @@
+"""The tasks' scripted experts as teleoperators: players whose fingertips pass through a glove."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
+from lerobot_dexflex.commands.glove import GlovedHand
+from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.evaluation import rollout
+from lerobot_dexflex.evaluation.observed import ObservedInterface
+from lerobot_dexflex.evaluation.outcome import Motion
+from lerobot_dexflex.experts import expert_module, make_expert
+from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.interfaces.method import make_interface, require_drafts
+from lerobot_dexflex.runs.provenance import Version, method_version
+
+_OWN = 2
+"""Tells the teleoperator's own random numbers from those of the errors."""
+
+
+@dataclass(frozen=True)
+class Teleoperators:
+    """A task's scripted expert, whose commanded fingertips pass through a glove and an interface."""
+
+    task: str
+    controller: str = ""
+    """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
+
+    def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "TeleoperatorController":
+        """Let the teleoperator work through a method, with the errors of its glove and tracker."""
+        return TeleoperatorController(self, method, errors)
+
+    def check(self, methods: Sequence[str]) -> None:
+        """Refuse what cannot run, before anything does.
+
+        Raises:
+            DexFlexError: If the task has no expert, or a method does not read drafts or lacks a controller.
+        """
+        make_expert(self.task)
+        for name in methods:
+            require_drafts(name).weights(self.controller)
+
+    def version(self, method: str, task: str, **settings: Any) -> Version:
+        """Return what decides a method's episodes; see `LeRobotPolicies.version`."""
+        parsed = require_drafts(method)
+        own = (rollout.__name__, type(self).__module__, TASKS[task].module, expert_module(self.task))
+        weights = parsed.weights(self.controller)
+        return method_version((*own, *parsed.modules), weights, method=parsed.name, **settings)
+
+
+class TeleoperatorController:
+    """A privileged expert per episode. Satisfies `Controller`, but must see the environments first.
+
+    Args:
+        teleoperators: Task and controller.
+        method: What executes the commanded fingertips.
+        errors: Of glove and tracker.
+    """
+
+    def __init__(self, teleoperators: Teleoperators, method: str, errors: CommandErrors) -> None:
+        self._teleoperators, self._method, self._errors = teleoperators, method, errors
+        self._observers: list[ObservedInterface] = []
+        self._seeds: Sequence[int] = ()
+        self._commands: list[Iterator[Command]] = []
+        self._hands: list[GlovedHand] = []
+        self._last: dict[int, Command] = {}
+
+    @property
+    def motion(self) -> Motion | None:
+        """See `Controller.motion`."""
+        rows = [observer.motion for observer in self._observers[: len(self._hands)]]
+        if any(row is None for row in rows):
+            return None
+        return Motion(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+
+    def reset(self, seeds: Sequence[int]) -> None:
+        """Start one episode per seed."""
+        self._seeds, self._commands, self._hands, self._last = seeds, [], [], {}
+        while len(self._observers) < len(seeds):
+            interface = make_interface(self._method, self._teleoperators.controller)
+            self._observers.append(ObservedInterface(interface))
+
+    def see(self, environments: Sequence[gymnasium.Env]) -> None:
+        """Look at the episodes that have just been reset; called once per episode, before the first step."""
+        expert = make_expert(self._teleoperators.task)
+        for row, (env, seed) in enumerate(zip(environments, self._seeds, strict=True)):
+            self._commands.append(expert(env.unwrapped, np.random.default_rng((seed, _OWN))))
+            start = env.get_wrapper_attr("command")[7:]
+            self._hands.append(GlovedHand(self._observers[row], self._errors, seed, start))
+
+    def act(self, observation: Mapping[str, Any], task: str) -> NDArray[np.floating]:
+        """Return joint targets [rad], shape (batch, 23); an expert that is done keeps its last command."""
+        del task
+        actions = []
+        for row, (commands, hand) in enumerate(zip(self._commands, self._hands, strict=True)):
+            command = self._last[row] = next(commands, None) or self._last[row]
+            mine = {name: value[row] for name, value in observation.items() if name != "pixels"}
+            actions.append(hand.move(mine, command).executed)
+        return np.stack(actions)
