@@ -39,7 +39,8 @@ class Condition:
             )
         if len(disturbances) > 1:
             raise DexFlexError(
-                f"The condition {name!r} names {' and '.join(disturbances)}; only one disturbance is possible."
+                f"The condition {name!r} names {' and '.join(disturbances)}; at most one disturbance is "
+                "possible."
             )
         parsed = CommandErrors.parse("+".join(errors)) if errors else NO_ERRORS
         return cls(parsed, (disturbances or ["none"])[0], UNVERIFIED not in words)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.conditions import Condition
-from lerobot_dexflex.evaluation.outcome import Motion, Recorder
+from lerobot_dexflex.evaluation.outcome import Ended, Motion, Recorder
 from lerobot_dexflex.runs.provenance import Version
 
 
@@ -63,12 +63,16 @@ class Onlooker(Protocol):
 
 
 class Watcher(Protocol):
-    """Sees every step of one episode, to film or log it."""
+    """Sees every step of one episode and its end, to film or log it."""
 
     def watch(
         self, env: gymnasium.Env, observation: Any, info: dict[str, Any], motion: Motion | None
     ) -> None:
         """See the state after the reset or after a step."""
+        ...
+
+    def close(self, outcome: Ended) -> None:
+        """Hear how it ended."""
         ...
 
 

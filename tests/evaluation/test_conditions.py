@@ -22,7 +22,7 @@ def test_a_condition_is_what_its_words_say_in_any_order():
     ("name", "message"),
     [
         ("rain_2mm", r"Unknown word 'rain_2mm' .* Valid, joined by `\+`: clean, none, heavy, .*removal_<"),
-        ("heavy+slippery", "names heavy and slippery; only one disturbance"),
+        ("heavy+slippery", "names heavy and slippery; at most one disturbance"),
         ("removal_2", "'removal_2' is no command error"),
         ("", "Unknown word ''"),
     ],
