@@ -145,7 +145,7 @@ def _tests(rows: pd.DataFrame, methods: Sequence[str], grew: frozenset[str]) -> 
         test = paired_test(pair["success_first"].astype(bool), pair["success_second"].astype(bool))
         gain = mean_interval((pair["progress_second"] - pair["progress_first"]).tolist())
         assert gain is not None
-        looked = bool(grew.intersection(pair["version_first"], pair["version_second"]))
+        looked = not grew.isdisjoint([*pair["version_first"], *pair["version_second"]])
         evidence = paired_e_value(test.only_first, test.only_second) if looked else None
         found.append(PairTest(first, second, len(pair), *test, test.p_value, evidence, None, gain))
     fixed = holm([test.p_value for test in found])

@@ -70,7 +70,7 @@ def _condition(
         yield html_table(table.rate_header(summary), table.rate_rows(summary))
         yield picture(plots.success(summary), "Success over all tasks with Wilson 95 % intervals.")
     if summary.tests:
-        yield html_table(table.PAIR_HEADER, table.pair_rows(summary))
+        yield html_table(table.pair_header(summary), table.pair_rows(summary))
     for task, part in summary.rows.groupby("task", sort=False):
         yield from _task(comparison, condition, str(task), summarise(part, summary.methods, grew=grew))
 

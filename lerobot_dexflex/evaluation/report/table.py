@@ -23,22 +23,14 @@ DETAIL_HEADER = (
     "holding",
     "intervention",
 )
-PAIR_HEADER = (
-    "pair",
-    "episodes",
-    "only first",
-    "only second",
-    "McNemar p",
-    "p (Holm)",
-    "E",
-    "p from E (Holm)",
-    "progress, second - first",
-)
+_PAIR_HEADER = ("pair", "episodes", "only first", "only second", "McNemar p", "p (Holm)", "progress gain")
+_GROWN_HEADER = ("E", "1/E (Holm)")
 MEANINGS = (
     "Success with Wilson 95 % intervals. Progress is each episode's largest, drops per episode, holding the "
     "share of time with the object in hand, intervention the mean ||executed - draft|| / ||draft||; means "
     "with bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over all "
-    "pairs of the table. E stands where episodes were added after a look: 1/E is then still a p-value."
+    "pairs of the table; progress gain: second - first. E, where episodes come from more than one command: "
+    "its inverse is a p-value also if some were added after a look."
 )
 
 Rows = list[list[str]]
@@ -72,8 +64,13 @@ def detail_rows(summary: Summary) -> Rows:
     return rows
 
 
+def pair_header(summary: Summary) -> list[str]:
+    """Return the header of `pair_rows`."""
+    return [*_PAIR_HEADER, *(_GROWN_HEADER if _any_grew(summary) else ())]
+
+
 def pair_rows(summary: Summary) -> Rows:
-    """Return the paired tests."""
+    """Return the paired tests; with E-values if episodes of any may have been added after a look."""
     return [
         [
             f"{test.first} vs {test.second}",
@@ -82,9 +79,8 @@ def pair_rows(summary: Summary) -> Rows:
             str(test.only_second),
             f"{test.p_value:.3g}",
             f"{test.p_value_holm:.3g}",
-            "-" if test.e_value is None else f"{test.e_value:.3g}",
-            "-" if test.p_anytime_holm is None else f"{test.p_anytime_holm:.3g}",
             _mean(test.progress_gain, 2, sign="+"),
+            *((_number(test.e_value), _number(test.p_anytime_holm)) if _any_grew(summary) else ()),
         ]
         for test in summary.tests
     ]
@@ -110,7 +106,7 @@ def failure_rows(summary: Summary, stages: Sequence[str]) -> Rows:
 
 def markdown(summary: Summary, title: str) -> str:
     """Return all tables of a condition, with a title."""
-    pairs = as_markdown(PAIR_HEADER, pair_rows(summary)) if summary.tests else ""
+    pairs = as_markdown(pair_header(summary), pair_rows(summary)) if summary.tests else ""
     wide = as_markdown(rate_header(summary), rate_rows(summary)) if len(summary.columns) > 1 else ""
     detail = as_markdown(DETAIL_HEADER, detail_rows(summary))
     return "\n\n".join(part for part in (f"**{title}**: {about(summary)}", wide, detail, pairs) if part)
@@ -125,10 +121,10 @@ def about(summary: Summary) -> str:
 def rates_markdown(summary: Summary) -> str:
     """Return success by method and column, and the paired tests over all episodes in a sentence."""
     rows = [[f"`{name}`", *cells] for name, *cells in rate_rows(summary)]
+    tests = f" Exact McNemar tests over all episodes (Holm): {tests_sentence(summary)}" if summary.tests else ""
     return (
         as_markdown(rate_header(summary), rows)
-        + f"\n\nSuccess with Wilson 95 % intervals; {_episodes(summary)} paired episodes per cell. Exact "
-        + f"McNemar tests over all episodes (Holm): {tests_sentence(summary)}"
+        + f"\n\nSuccess with Wilson 95 % intervals; {_episodes(summary)} paired episodes per cell.{tests}"
     )
 
 
@@ -160,7 +156,10 @@ def tests_sentence(summary: Summary) -> str:
     text = _differing([(test, test.p_value_holm) for test in tests]) + "."
     looked = [(test, p) for test in tests if (p := test.p_anytime_holm) is not None]
     if looked:
-        text += f" Rows were added after a look; by E-values, which stay valid then: {_differing(looked)}."
+        text += (
+            " These episodes come from more than one command; E-values, valid also if some were added after a "
+            f"look (Holm): {_differing(looked)}."
+        )
     return text
 
 
@@ -183,6 +182,14 @@ def _differing(tests: Sequence[tuple[PairTest, float]]) -> str:
         which = "all other pairs" if parts else "all pairs"
         parts.append(f"{which} p {'=' if min(rest) == 1 else '≥'} {min(rest):.2g}")
     return ", ".join(parts)
+
+
+def _any_grew(summary: Summary) -> bool:
+    return any(test.e_value is not None for test in summary.tests)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
 
 
 def _episodes(summary: Summary) -> str:
