@@ -5,10 +5,10 @@ python docs/render_picture.py
 
 from pathlib import Path
 
+import cv2
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 import lerobot_dexflex  # noqa: F401  (registers the tasks)
 from lerobot_dexflex.envs.hand_env import HandEnv
@@ -23,10 +23,11 @@ SIZE, SUPERSAMPLING = 300, 4
 
 def panel(picture: NDArray[np.uint8], tactile: NDArray) -> NDArray[np.uint8]:
     """Return the camera's picture above the touch of the four fingertips."""
-    view = Image.fromarray(picture).resize((SIZE, SIZE), Image.Resampling.LANCZOS)
-    strip = Image.fromarray(touch_strip(tactile))
-    strip = strip.resize((SIZE, SIZE * strip.height // strip.width), Image.Resampling.NEAREST)
-    return np.concatenate([np.asarray(view), np.asarray(strip)])
+    view = cv2.resize(picture, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
+    strip = touch_strip(tactile)
+    height = SIZE * strip.shape[0] // strip.shape[1]
+    felt = cv2.resize(strip, (SIZE, height), interpolation=cv2.INTER_NEAREST)
+    return np.concatenate([view, felt]).astype(np.uint8)
 
 
 def main() -> None:
@@ -46,9 +47,8 @@ def main() -> None:
     print(f"success: {info['is_success']} after {step + 1} steps")
     gap = np.full((len(panels[0]), 6, 3), 255, np.uint8)
     columns = [part for image in panels for part in (image, gap)][:-1]
-    Image.fromarray(np.concatenate(columns, axis=1)).save(
-        Path(__file__).with_name("place_hammer.png"), optimize=True
-    )
+    picture = cv2.cvtColor(np.concatenate(columns, axis=1), cv2.COLOR_RGB2BGR)
+    cv2.imwrite(str(Path(__file__).with_name("place_hammer.png")), picture)
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ VIEWS = {
     "tasks_removal": View(
         "joint,raw,filter,shrink,dexgen@0.6,dexgen@0.4,dexflex-notouch,dexflex", "removal_2mm"
     ),
-    "tasks_jitter": View("joint,raw,filter,shrink,dexgen,dexgen@0.4,dexflex", "jitter_4mm"),
+    "tasks_noise": View("joint,raw,filter,shrink,dexgen,dexgen@0.4,dexflex", "jitter_4mm"),
     "disturbed": View(conditions="slippery,pushed,heavy,late_touch", by="condition"),
     "pour_cup": View(tasks="PourCup-v0"),
     "place_hammer": View(tasks="PlaceHammer-v0"),

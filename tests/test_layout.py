@@ -15,7 +15,7 @@ MEGABYTE = 2**20
 
 
 FLOORS = (
-    {"errors", "conventions", "console", "_gl"},
+    {"errors", "conventions", "console", "compiled", "_gl"},
     {"runs"},
     {"hand"},
     {"envs"},

@@ -19,9 +19,9 @@ from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.stream import ErrorStream, Seed, seeds_of
 from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
 from lerobot_dexflex.envs.reach import ReachEnv
-from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.chains import MAX_STEPS, STEADY_STEPS, TOLERANCE, Chain, HeldObject
 from lerobot_dexflex.experts.reach.sensing import HandState
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.poses import pose_error
 from lerobot_dexflex.interfaces.protocol import Interface

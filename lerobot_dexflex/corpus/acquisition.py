@@ -17,8 +17,8 @@ from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.world import Support, World
 from lerobot_dexflex.envs.reach import DROP_STEPS, ReachEpisode
 from lerobot_dexflex.experts.command import min_jerk
-from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.sensing import Senses
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from lerobot_dexflex.corpus.world import World, WorldPhysics
 from lerobot_dexflex.envs.hand_env import Snapshot
 from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.experts.reach import kernels
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP
 from lerobot_dexflex.hand.touch import TouchConfig
 

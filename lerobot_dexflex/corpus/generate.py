@@ -14,6 +14,7 @@ from lerobot_dexflex.corpus.manifest import close_folder, open_folder, shard_job
 from lerobot_dexflex.corpus.replays import run_replays
 from lerobot_dexflex.corpus.shard import read_header, shard_path
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.runs.lock import locked
 from lerobot_dexflex.runs.provenance import provenance
 from lerobot_dexflex.runs.workers import run_each
 
@@ -32,8 +33,14 @@ def generate(config: CorpusConfig, arguments: list[str] | None = None) -> bool:
         Whether the corpus is complete; False after an interrupt.
 
     Raises:
-        DexFlexError: If the folder holds something else. Finished shards are never lost.
+        DexFlexError: If the folder holds something else, or another process works in it. Finished shards
+            are never lost.
     """
+    with locked(stage_folder(config)):
+        return _generate(config, arguments)
+
+
+def _generate(config: CorpusConfig, arguments: list[str] | None) -> bool:
     origin = provenance("dexflex-corpus", [_JOB], arguments)
     open_folder(config, origin)
     jobs = shard_jobs(config)

@@ -29,8 +29,8 @@ def open_folder(config: CorpusConfig, origin: dict[str, Any]) -> None:
     folder = stage_folder(config)
     recipe = folder / RECIPE
     if recipe.is_file():
-        found = yaml.safe_load(recipe.read_text())
-        have, wanted = identity(found["recipe"], config.stage), identity(config.to_dict(), config.stage)
+        have = identity(_read(recipe), config.stage)
+        wanted = identity(config.to_dict(), config.stage)
         different = [
             f"{key}: {have[key]} there, {wanted[key]} now" for key in wanted if have[key] != wanted[key]
         ]
@@ -95,6 +95,24 @@ def _summary(paths: list[Path]) -> dict[str, Any]:
 def kind_key(kind: int) -> str:
     """Return the name under which totals count the steps of a kind."""
     return "steps_" + KINDS[kind].replace(" ", "_")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return the configuration in a recipe file.
+
+    Raises:
+        DexFlexError: If the file is damaged.
+    """
+    try:
+        found = yaml.safe_load(path.read_text())["recipe"]
+        if isinstance(found, dict):
+            return found
+    except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        pass
+    raise DexFlexError(
+        f"{path} is damaged: it holds no recipe. Restore it, choose another --output, or move the "
+        "folder away; nothing was changed."
+    )
 
 
 def _write(path: Path, values: dict[str, Any]) -> None:

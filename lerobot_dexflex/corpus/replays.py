@@ -18,8 +18,8 @@ from lerobot_dexflex.corpus.shard import Shard, read_shard, shard_path, write_re
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.sensing import Senses
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.poses import pose_error
 
 Array = NDArray[np.float64]

@@ -12,8 +12,8 @@ from lerobot_dexflex.corpus.shard import Shard
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.envs.hand_env import Snapshot
 from lerobot_dexflex.envs.reach import DROP_DISTANCE, GOAL_RADIUS, ReachEpisode
-from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 
 Array = NDArray[np.float64]

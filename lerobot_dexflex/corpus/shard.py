@@ -80,7 +80,10 @@ def read_header(path: Path) -> dict[str, Any]:
         ) from error
     if header.get("format") != FORMAT:
         raise DexFlexError(f"{path} has format {header.get('format')!r}; this version reads {FORMAT!r}.")
-    return {key: json.loads(value) for key, value in header.items() if key in ("episodes", "totals")}
+    try:
+        return {key: json.loads(header[key]) for key in ("episodes", "totals") if key in header}
+    except ValueError as error:
+        raise DexFlexError(f"{path} has a damaged header. Delete it and make it anew.") from error
 
 
 def concatenate(parts: Sequence[Shard]) -> Shard:

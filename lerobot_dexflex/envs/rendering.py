@@ -75,7 +75,6 @@ class Camera:
         name: str,
         height: int = 96,
         width: int = 96,
-        supersample: int = 1,
         backend: Literal["auto", "gl", "ray"] = "auto",
     ) -> None:
         """Check that the camera exists and that both paths can draw the model.
@@ -85,7 +84,6 @@ class Camera:
             name: Name of a perspective camera in the model.
             height: Image height in pixels.
             width: Image width in pixels.
-            supersample: Draw so many times larger in each direction and average, against jagged edges.
             backend: `"auto"` uses OpenGL if it works in this process and rays otherwise, with one warning if
                 OpenGL was there but failed; `"gl"` fails where OpenGL does; `"ray"` never touches OpenGL.
 
@@ -99,10 +97,7 @@ class Camera:
             valid = [model.camera(i).name for i in range(model.ncam)]
             raise DexFlexError(f"The model has no camera '{name}'. Available cameras: {valid}.")
         _check_reproducible(model, self._camera, name)
-        if supersample < 1:
-            raise DexFlexError(f"`supersample` must be at least 1. Got {supersample}.")
-        self._supersample = supersample
-        self._size = (height * supersample, width * supersample)
+        self._size = (height, width)
         self._backend = backend
         self._rays: RayRenderer | None = None
 
@@ -112,10 +107,7 @@ class Camera:
         Args:
             data: Simulation data with up-to-date kinematics (after `mj_step` or `mj_forward`).
         """
-        image = self._draw(data)
-        if self._supersample > 1:
-            return _shrink(image, self._supersample)
-        return np.ascontiguousarray(image)
+        return np.ascontiguousarray(self._draw(data))
 
     def _draw(self, data: mujoco.MjData) -> NDArray[np.uint8]:
         if self._rays is None and self._wants_opengl():
@@ -153,13 +145,3 @@ def _check_reproducible(model: mujoco.MjModel, camera: int, name: str) -> None:
     if not directional.all():
         lights = [model.light(i).name for i in np.flatnonzero(~directional)]
         raise DexFlexError(f"Lights must be directional. Got others: {lights}. Use `add_lights(spec)`.")
-
-
-def _shrink(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """Average blocks of `factor` x `factor` pixels."""
-    height, width = image.shape[0] // factor, image.shape[1] // factor
-    total = np.zeros((height, width, 3), np.uint16)
-    for i in range(factor):
-        for j in range(factor):
-            total += image[i::factor, j::factor]
-    return ((total + factor**2 // 2) // factor**2).astype(np.uint8)

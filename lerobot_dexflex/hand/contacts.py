@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from torch import Tensor
 
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, finger_frames, pads
+from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand.kinematics import as_array, pads
 from lerobot_dexflex.hand.leap import FINGERS
 
 Array = NDArray[np.float64]
@@ -22,11 +23,6 @@ CONTACT_FORCE = 0.05
 """A finger counts as loaded from this normal force on [N]."""
 TORQUE_SCALE, PRELOAD_WEIGHT = 40.0, 0.3
 """Of the force balance: newtons that 1 N m counts as [1/m], and the weight of the wish for preload."""
-
-_NORMAL_WEIGHT = 0.005
-_POSTURE_WEIGHT = 0.002
-_DAMPING = 0.004
-_MAX_JOINT_STEP = 0.4
 
 
 class FingertipContacts(NamedTuple):
@@ -110,36 +106,10 @@ def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 
         seed: Start and weakly preferred posture [rad]. Shape (batch, 16).
         iterations: Gauss-Newton steps.
     """
-    lower, upper = (limit.to(seed).view(4, 4) for limit in (JOINT_LOWER, JOINT_UPPER))
-    eye = torch.eye(4, dtype=seed.dtype, device=seed.device)
-    posture = joints = seed.reshape(-1, 4, 4)
-    for _ in range(iterations):
-        frames = finger_frames(joints.flatten(1))
-        centres, outward = frames.pads()
-        point_jacobian = torch.linalg.cross(frames.axes, centres.unsqueeze(2) - frames.origins)
-        normal_jacobian = torch.linalg.cross(frames.axes, outward.unsqueeze(2).expand_as(frames.axes))
-        jacobian = torch.cat([point_jacobian, _NORMAL_WEIGHT * normal_jacobian], -1)  # (batch, fingers, 4, 6)
-        error = torch.cat([points - centres, -_NORMAL_WEIGHT * (normals + outward)], -1)
-        gradient = torch.einsum("bfji,bfi->bfj", jacobian, error) + _POSTURE_WEIGHT**2 * (posture - joints)
-        normal_matrix = jacobian @ jacobian.mT + (_DAMPING**2 + _POSTURE_WEIGHT**2) * eye
-        step = torch.linalg.solve(normal_matrix, gradient)
-        joints = torch.clamp(joints + step.clamp(-_MAX_JOINT_STEP, _MAX_JOINT_STEP), lower, upper)
-    centres, outward = pads(joints.flatten(1))
-    return PadSolution(joints.flatten(1), (points - centres).norm(dim=-1), -(normals * outward).sum(-1))
-
-
-def contact_torques(hand_joints: Array, points: Array, forces: Array) -> Array:
-    """Return the joint torques [N m], shape (16,), with which the fingertips exert forces.
-
-    Args:
-        hand_joints: Joint positions [rad]. Shape (16,).
-        points: Contact points on the four distal links, palm frame [m]. Shape (4, 3).
-        forces: Forces of the fingers on what they touch, palm frame [N]. Shape (4, 3).
-    """
-    frames = finger_frames(torch.as_tensor(hand_joints, dtype=torch.float64)[None])
-    origins, axes = frames.origins[0].numpy(), frames.axes[0].numpy()
-    columns = np.cross(axes, points[:, None] - origins)  # (fingers, joints, 3)
-    return np.einsum("fji,fi->fj", columns, forces).ravel()
+    arrays = as_array(points, (-1, 4, 3)), as_array(normals, (-1, 4, 3)), as_array(seed, (-1, 16))
+    joints = torch.from_numpy(kernels.solve_pads(*arrays, int(iterations))).to(seed)
+    centres, outward = pads(joints)
+    return PadSolution(joints, (points - centres).norm(dim=-1), -(normals * outward).sum(-1))
 
 
 def balance_forces(

@@ -14,12 +14,9 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import leap
-from lerobot_dexflex.hand.contacts import (
-    contact_torques,
-    fingertip_contacts,
-    solve_pads,
-)
+from lerobot_dexflex.hand.contacts import fingertip_contacts, solve_pads
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY, Candidate, balance_weight, grasp_candidates
+from lerobot_dexflex.hand.kernels import contact_torques
 from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS, SUBSTEPS, TIP_FRICTION, add_hand, base_spec
 from lerobot_dexflex.hand.objects import ObjectSpec, add_object
 from lerobot_dexflex.hand.poses import pose_error

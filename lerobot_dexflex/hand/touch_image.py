@@ -1,7 +1,6 @@
 """Draw the taxels of a hand as one small picture."""
 
-from functools import cache
-
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,14 +25,8 @@ def touch_strip(
         RGB image. Shape (10 * cell, 24 * cell + 3 * gap, 3): (80, 204, 3) by default.
     """
     pads = np.asarray(taxels).reshape(4, 10, 6)[:, ::-1]
-    shade = np.clip(pads / full_scale * 255 + 0.5, 0, 255).astype(np.uint8)
-    cells = _palette()[shade].repeat(cell, axis=1).repeat(cell, axis=2)  # (4, 10 cell, 6 cell, 3)
-    line = np.full((cells.shape[1], gap, 3), 128, np.uint8)
-    return np.concatenate([cells[0], line, cells[1], line, cells[2], line, cells[3]], axis=1)
-
-
-@cache
-def _palette() -> NDArray[np.uint8]:
-    import matplotlib as mpl  # Only videos and reports need it.
-
-    return (mpl.colormaps["inferno"](np.arange(256))[:, :3] * 255).astype(np.uint8)
+    shades = np.clip(pads / full_scale * 255 + 0.5, 0, 255).astype(np.uint8)
+    large = [cv2.resize(s, None, fx=cell, fy=cell, interpolation=cv2.INTER_NEAREST) for s in shades]
+    colours = [cv2.cvtColor(cv2.applyColorMap(s, cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB) for s in large]
+    framed = [cv2.copyMakeBorder(c, 0, 0, 0, gap, cv2.BORDER_CONSTANT, value=[128] * 3) for c in colours[:-1]]
+    return cv2.hconcat([*framed, colours[-1]]).astype(np.uint8)

@@ -1,12 +1,17 @@
 """Run calls in worker processes that a Ctrl-C never reaches and that never outlive this process."""
 
 import contextlib
+import ctypes
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+
+_PR_SET_PDEATHSIG = 1
+"""Of prctl(2)."""
 
 
 def run_each[Item, Result](
@@ -47,10 +52,12 @@ def run_each[Item, Result](
 
 def _end_with_parent() -> None:
     """Let this worker end with the process that started it: a killed one cannot tell its workers to stop."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    if sys.platform == "linux":  # At once, even from within compiled code that holds the interpreter's lock.
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
     def watch() -> None:
-        parent = multiprocessing.parent_process()
-        assert parent is not None
         parent.join()
         os._exit(1)
 

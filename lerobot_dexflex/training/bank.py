@@ -1,9 +1,10 @@
 """Proposals of the frozen prior, drawn once and reused by the score and decoder stages."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 from tqdm import tqdm
@@ -13,6 +14,7 @@ from lerobot_dexflex.controller.encoder import State
 from lerobot_dexflex.controller.settings import SelectionSettings
 from lerobot_dexflex.corpus.schema import INTERFACED, OPERATED
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.runs.provenance import digest_text
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.metrics import draw
@@ -73,18 +75,38 @@ class ProposalBank:
         config: BankConfig,
         rows: int,
         seed: int,
+        origin: str = "",
     ) -> "ProposalBank":
-        """Read the bank from a file, or draw and write it."""
-        if path.is_file():
+        """Read the bank from a file, or draw and write it.
+
+        Args:
+            path: The file; one that is damaged or of another origin is replaced.
+            controller: Proposes.
+            data: States.
+            config: How many of what.
+            rows: Number of states.
+            seed: Of the draws.
+            origin: Tells whatever else decides the bank: other weights, another corpus.
+        """
+        origin = digest_text(f"{asdict(config)} {rows} {seed} {origin}")
+        if path.is_file() and _origin(path) == origin:
             return cls(load_file(path))
         path.parent.mkdir(parents=True, exist_ok=True)
         with torch.random.fork_rng(), torch.no_grad():
             torch.manual_seed(seed)
             bank = cls(_draw_bank(controller, data, config, rows))
         temporary = path.with_suffix(".tmp")
-        save_file(bank.tensors, temporary)
+        save_file(bank.tensors, temporary, metadata={"origin": origin})
         temporary.replace(path)
         return bank
+
+
+def _origin(path: Path) -> str | None:
+    try:
+        with safe_open(path, "pt") as file:
+            return (file.metadata() or {}).get("origin")
+    except (SafetensorError, OSError):
+        return None
 
 
 def _draw_bank(

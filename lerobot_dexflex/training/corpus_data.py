@@ -14,6 +14,7 @@ from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.corpus.schema import COLUMNS, FAILED
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.reach.operator import CORRECTION
+from lerobot_dexflex.runs.provenance import digest_text
 
 SPLITS = ("train", "tune")
 """Splits that training may read; test objects are kept for the benchmark."""
@@ -180,6 +181,17 @@ class ReplayData:
         return ReplayBatch(
             now, columns["chunk"][index], later, columns["loads"][index], columns["lost"][index], rows
         )
+
+
+def corpus_digest(folder: Path) -> str:
+    """Return a digest of the splits that training reads, by their files' names, sizes and headers."""
+    words = []
+    for path in sorted(path for split in SPLITS for path in (folder / split).glob("*.safetensors")):
+        with path.open("rb") as file:
+            length = int.from_bytes(file.read(8), "little")
+            header = file.read(length).decode(errors="replace")
+        words.append(f"{path.relative_to(folder).as_posix()} {path.stat().st_size} {header}")
+    return digest_text("\n".join(words))
 
 
 def _shards(folder: Path, split: str, required: bool = True) -> list[Path]:

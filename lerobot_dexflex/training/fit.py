@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import torch
@@ -114,13 +115,15 @@ def load_finished(network: nn.Module, folder: Path) -> dict[str, float] | None:
     """
     if not (folder / DONE).is_file():
         return None
-    done = torch.load(folder / DONE, weights_only=True)
+    done = _read(folder / DONE)
     try:
         network.load_state_dict(done["weights"])
     except RuntimeError as error:
         raise DexFlexError(
             f"{folder / DONE} holds weights of another network: {error}. Train into another `output`."
         ) from error
+    except KeyError as error:
+        raise DexFlexError(f"{folder / DONE} lacks {error}. Delete {folder} to train it anew.") from error
     return done["metrics"]
 
 
@@ -215,12 +218,26 @@ class _Run:
         _write(self.folder / RESUME, state)
 
     def _load(self) -> None:
-        state = torch.load(self.folder / RESUME, weights_only=True)
+        state = _read(self.folder / RESUME)
         self.stage.network.load_state_dict(state["network"])
         self.stage.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
         torch.set_rng_state(state["generator"])
         self.step, self.seconds = state["step"], state["seconds"]
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return what `_write` wrote.
+
+    Raises:
+        DexFlexError: If the file is damaged.
+    """
+    try:
+        return torch.load(path, weights_only=True)
+    except (OSError, EOFError, RuntimeError, ValueError, UnpicklingError) as error:
+        raise DexFlexError(
+            f"{path} is damaged ({type(error).__name__}). Delete {path.parent} to train that stage anew."
+        ) from error
 
 
 def _write(path: Path, state: dict[str, Any]) -> None:

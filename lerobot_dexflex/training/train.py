@@ -1,5 +1,6 @@
 """Train all stages of a controller in sequence, each frozen for the next."""
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -8,17 +9,21 @@ from typing import Any
 import torch
 from torch import nn
 
+from lerobot_dexflex.controller.checkpoint import find
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.reach.operator import CORRECTION
+from lerobot_dexflex.runs.lock import locked
+from lerobot_dexflex.runs.provenance import weights_digest
 from lerobot_dexflex.training.bank import BankConfig, ProposalBank
-from lerobot_dexflex.training.corpus_data import CorpusData, ReplayData
+from lerobot_dexflex.training.claim import claim
+from lerobot_dexflex.training.corpus_data import CorpusData, ReplayData, corpus_digest
 from lerobot_dexflex.training.decoder import DecoderConfig, DecoderStage
 from lerobot_dexflex.training.diffusion_prior import DexGenConfig, DexGenStage
 from lerobot_dexflex.training.encoder_prior import EncoderPriorConfig, EncoderPriorStage, part
-from lerobot_dexflex.training.fit import FitConfig, Stage, fit, load_finished
+from lerobot_dexflex.training.fit import DONE, FitConfig, Stage, fit, load_finished
 from lerobot_dexflex.training.score import ScoreConfig, ScoreStage
 from lerobot_dexflex.training.world_model import WorldModelConfig, WorldModelStage
 
@@ -123,20 +128,55 @@ class Trainer:
 
     def _banks(self) -> tuple[ProposalBank, ProposalBank]:
         config, folder = self.config.bank, self.config.output / "bank"
-        seed, load = self.config.seed, ProposalBank.load_or_draw
-        return (
-            load(folder / "train.safetensors", self.controller, self.train, config, config.rows, seed),
-            load(folder / "tune.safetensors", self.controller, self.tune, config, config.held_out_rows, seed),
+        splits = {"train": (self.train, config.rows), "tune": (self.tune, config.held_out_rows)}
+        origin = json.dumps(self.before("score"))
+        train, tune = (
+            ProposalBank.load_or_draw(
+                folder / f"{split}.safetensors", self.controller, data, config, rows, self.config.seed, origin
+            )
+            for split, (data, rows) in splits.items()
         )
+        return train, tune
+
+    def before(self, name: str) -> dict[str, Any]:
+        """Return digests of all that a stage starts from: the corpus, earlier stages, or a controller."""
+        config = self.config
+        earlier = STAGES[: STAGES.index(name)] if name != "dexgen" else STAGES[:1]
+        files = {stage: config.output / stage / DONE for stage in earlier if stage in config.stages}
+        start = find(config.init_from) if config.init_from else None
+        return {
+            "corpus": corpus_digest(config.corpus),
+            "replays": corpus_digest(config.corpus / "replays") if name == "world_model" else "",
+            "init_from": weights_digest([start.config, start.weights]) if start else "",
+            "after": {stage: weights_digest([file]) for stage, file in files.items()},
+        }
+
+    def settings(self, name: str) -> dict[str, Any]:
+        """Return everything on which a stage's weights depend, as plain values."""
+        config = self.config
+        own: dict[str, Any] = {name: asdict(getattr(config, name))}
+        if name in ("score", "decoder"):
+            own["bank"] = asdict(config.bank)
+        shared = {
+            "seed": config.seed,
+            "operator_gain": config.operator_gain,
+            "network": asdict(config.network),
+        }
+        return shared | own | self.before(name)
 
 
 def train(config: TrainConfig) -> Path:
     """Train what is not yet trained and assemble the controller; returns its folder.
 
     Raises:
-        DexFlexError: If the corpus or a setting does not fit.
+        DexFlexError: If the corpus or a setting does not fit, or the folder holds stages of other settings.
         KeyboardInterrupt: After an interrupt; run again to continue.
     """
+    with locked(config.output):
+        return _train(config)
+
+
+def _train(config: TrainConfig) -> Path:
     torch.set_num_threads(config.threads)
     trainer = Trainer(config)
     controller = trainer.controller
@@ -145,6 +185,7 @@ def train(config: TrainConfig) -> Path:
         if name not in config.stages:
             continue
         folder = config.output / name
+        claim(folder, trainer.settings(name))
         metrics = load_finished(_PARTS[name](trainer), folder)
         if metrics is None:
             stage, how = trainer.stage(name)

@@ -10,6 +10,7 @@ from lerobot_dexflex.corpus.config import CorpusConfig, Jobs, Shares
 from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS
 from lerobot_dexflex.corpus.shard import Shard, read_header, shard_path, write_shard
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.runs.lock import locked
 
 
 def fake_job(config, commit, split, number):
@@ -94,6 +95,27 @@ def test_another_recipe_or_folder_is_refused_untouched(config, tmp_path):
     (config.output / "thesis.tex").touch()
     with pytest.raises(DexFlexError, match="no corpus"):
         generate.generate(config, [])
+
+
+@pytest.mark.parametrize("name", ["recipe.yaml", "train/00001.safetensors"])
+@pytest.mark.parametrize("share", [0.0, 0.5], ids=["empty", "half"])
+def test_a_damaged_file_is_named_and_the_others_stay(config, name, share):
+    generate.generate(config, [])
+    path = config.output / name
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    others = {file: file.read_bytes() for file in config.output.rglob("*.safetensors") if file != path}
+    if (name, share) == ("recipe.yaml", 0.5):
+        path.write_text("complete: true\nrecipe: [")
+    with pytest.raises(DexFlexError, match=path.name):
+        generate.generate(config, [])
+    assert {file: file.read_bytes() for file in others} == others
+
+
+def test_two_processes_do_not_work_in_one_corpus(config):
+    with locked(config.output), pytest.raises(DexFlexError, match="is in use by process"):
+        generate.generate(config, [])
+    assert not config.output.exists()
 
 
 def test_replays_have_their_own_recipe_beside_the_corpus(config, monkeypatch):

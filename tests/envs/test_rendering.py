@@ -85,14 +85,6 @@ def test_a_material_colours_geoms_without_a_colour_of_their_own(backend):
     assert pixel.tolist() == [255, 0, 0]  # 0.9 x 0.97 of reflected light alone would be 223.
 
 
-def test_supersampling_averages_blocks_of_a_larger_picture(backend):
-    model, data = hand_scene()
-    large = Camera(model, "front", 96, 96, backend=backend).render(data).astype(float)
-    blocks = large.reshape(48, 2, 48, 2, 3).mean(axis=(1, 3))
-    image = Camera(model, "front", 48, 48, supersample=2, backend=backend).render(data)
-    assert np.abs(image - blocks).max() <= 0.5
-
-
 def test_tuning_a_spec_twice_adds_its_lights_once():
     spec = mujoco.MjSpec()
     tune_visuals(spec)
@@ -104,13 +96,6 @@ def test_an_unknown_camera_is_refused_with_the_valid_names():
     model, _ = hand_scene()
     with pytest.raises(DexFlexError, match=r"no camera 'side'. Available cameras: \['front'\]"):
         Camera(model, "side")
-
-
-@pytest.mark.parametrize("supersample", [0, -1])
-def test_a_supersampling_below_one_is_refused(supersample):
-    model, _ = hand_scene()
-    with pytest.raises(DexFlexError, match=f"at least 1. Got {supersample}"):
-        Camera(model, "front", supersample=supersample)
 
 
 def test_a_light_that_rays_cannot_reproduce_is_refused():

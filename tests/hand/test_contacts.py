@@ -7,11 +7,10 @@ import torch
 from lerobot_dexflex.hand.contacts import (
     NOMINAL_JOINTS,
     balance_forces,
-    contact_torques,
     pinched,
     solve_pads,
 )
-from lerobot_dexflex.hand.kinematics import fingertips, pads
+from lerobot_dexflex.hand.kinematics import pads
 
 NOMINAL = torch.tensor([NOMINAL_JOINTS], dtype=torch.float64)
 
@@ -25,17 +24,6 @@ def test_pads_are_laid_on_points_that_a_near_posture_reaches():
     assert solution.alignment.min() > 0.98
     reached, _ = pads(solution.joints)
     assert torch.allclose((reached - centres).norm(dim=-1), solution.distance)
-
-
-def test_contact_torques_do_the_work_of_the_forces():
-    rng = np.random.default_rng(0)
-    joints = NOMINAL[0].numpy()
-    tips = fingertips(NOMINAL)[0].numpy()
-    forces, motion = rng.normal(size=(4, 3)), 1e-6 * rng.normal(size=16)
-    moved = fingertips(NOMINAL + torch.from_numpy(motion))[0].numpy()
-    assert contact_torques(joints, tips, forces) @ motion == pytest.approx(
-        (forces * (moved - tips)).sum(), rel=1e-4
-    )
 
 
 def test_two_opposite_pads_carry_a_weight_by_friction_alone():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from lerobot_dexflex.hand import kinematics, leap
+from lerobot_dexflex.hand import kernels, kinematics, leap
 from lerobot_dexflex.hand.model import FINGERS, add_hand, base_spec
 
 
@@ -51,6 +51,14 @@ def test_one_row_gives_the_same_bits_as_the_batch(joints):
     assert torch.equal(batch, torch.cat(rows))
 
 
+def test_numbers_come_back_in_the_type_they_came_in(joints):
+    tips, (centres, normals) = kinematics.fingertips(joints.float()), kinematics.pads(joints.float())
+    solved = kinematics.solve_fingertips(kinematics.fingertips(joints) + 0.002, joints.float())
+    assert {x.dtype for x in (tips, centres, normals, solved)} == {torch.float32}
+    exact = kinematics.solve_fingertips(kinematics.fingertips(joints) + 0.002, joints.float().double())
+    assert torch.equal(solved, exact.float())  # Computed in float64, rounded once.
+
+
 def test_the_current_fingertips_leave_the_posture_alone(joints):
     solved = kinematics.solve_fingertips(kinematics.fingertips(joints), joints)
     assert torch.allclose(solved, joints, atol=1e-9)
@@ -68,7 +76,7 @@ def test_the_tie_keeps_the_free_joint_from_wandering(joints):
             posture = kinematics.solve_fingertips(targets + step, posture, posture_weight=weight)
         return (posture - joints).abs().mean()
 
-    assert drift(kinematics.POSTURE_WEIGHT) < 0.7 * drift(0.001)
+    assert drift(kernels.POSTURE_WEIGHT) < 0.7 * drift(0.001)
 
 
 @pytest.mark.parametrize("far", [0.3, 10.0])

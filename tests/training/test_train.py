@@ -1,4 +1,6 @@
 import json
+import re
+import shutil
 from pathlib import Path
 
 import draccus
@@ -6,7 +8,9 @@ import pytest
 
 from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.training.bank import BankConfig, ProposalBank
 from lerobot_dexflex.training.cli import main
+from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.train import STAGES, TrainConfig
 
 CONFIGS = Path(__file__).parents[2] / "configs/controller"
@@ -42,6 +46,61 @@ def test_finished_stages_are_not_trained_again(trained, corpus):
     assert main([f"--corpus={corpus}", f"--output={trained}", *SMALL]) == 0
     assert {stage: (trained / stage / "weights.pt").stat().st_mtime_ns for stage in STAGES} == before
     assert (trained / "controller/model.safetensors").read_bytes() == weights
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ("--seed=7", "encoder_prior.*seed: 0 there, 7 now"),
+        ("--world_model.fit.lr=0.01", "world_model.*world_model.fit.lr: 0.001 there, 0.01 now"),
+        ("--bank.n_pure=3", "score.*bank.n_pure: 2 there, 3 now"),
+        ("--network.use_touch=false", "encoder_prior.*network.use_touch: True there, False now"),
+    ],
+)
+def test_a_finished_stage_is_not_passed_off_as_one_of_other_settings(trained, corpus, capsys, change, named):
+    record = (trained / "controller/training.json").read_text()
+    assert main([f"--corpus={corpus}", f"--output={trained}", *SMALL, change]) == 1
+    assert re.search(named, capsys.readouterr().err, re.DOTALL)
+    assert (trained / "controller/training.json").read_text() == record
+
+
+def test_another_corpus_is_not_passed_off_as_the_one_that_was_trained_on(trained, corpus, tmp_path, capsys):
+    other = shutil.copytree(corpus, tmp_path / "other")
+    (other / "train/00000.safetensors").unlink()
+    (other / "replays/train/00000.safetensors").unlink()
+    assert main([f"--corpus={other}", f"--output={trained}", *SMALL]) == 1
+    assert "  corpus: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("size", [0, 0.5], ids=["empty", "half"])
+@pytest.mark.parametrize("name", ["weights.pt", "settings.json"])
+def test_damaged_files_of_a_stage_are_named(corpus, tmp_path, capsys, name, size):
+    command = [f"--corpus={corpus}", f"--output={tmp_path}", "--stages=[encoder_prior]", *SMALL]
+    assert main(command) == 0
+    path = tmp_path / "encoder_prior" / name
+    content = path.read_bytes()
+    path.write_bytes(content[: int(size * len(content))])
+    assert main(command) == 1
+    error = capsys.readouterr().err
+    assert "damaged" in error
+    assert str(tmp_path / "encoder_prior") in error
+
+
+def test_a_bank_of_other_settings_is_drawn_again(corpus, trained, tmp_path):
+    controller = DexFlexController.from_pretrained(trained / "controller")
+    data, path = CorpusData(corpus, "tune"), tmp_path / "bank.safetensors"
+
+    def bank(n_pure, origin="weights"):
+        config = BankConfig(n_pure=n_pure, n_seeded=2)
+        return ProposalBank.load_or_draw(path, controller, data, config, 8, seed=0, origin=origin)
+
+    assert bank(2).tensors["chunks"].shape[1] == 5
+    before = path.stat().st_mtime_ns
+    assert bank(2).tensors["chunks"].shape[1] == 5
+    assert path.stat().st_mtime_ns == before
+    assert bank(3).tensors["chunks"].shape[1] == 6
+    path.write_bytes(path.read_bytes()[:100])
+    assert bank(3, "others").tensors["chunks"].shape[1] == 6
 
 
 def test_later_stages_go_on_from_a_controller(trained, corpus, tmp_path):

@@ -12,7 +12,7 @@ from lerobot_dexflex.controller import DexFlexController, SelectionSettings
 from lerobot_dexflex.controller.projection import project_draft
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.experts.reach import kernels
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 from lerobot_dexflex.interfaces.explanation import Choice

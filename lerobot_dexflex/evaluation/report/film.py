@@ -4,10 +4,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
 from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.hand.touch_image import FULL_SCALE, touch_strip
@@ -18,7 +18,7 @@ FPS = 20
 """... and played at this rate: films of 20 Hz control run at twice real time."""
 _FRONT, _WRIST, _TITLE, _STRIP = 192, 96, 20, 76
 _COLOURS = {"success": (70, 190, 110), "dropped": (225, 95, 85), "time out": (215, 165, 60)}
-_BACKGROUND = (24, 26, 30)
+_BACKGROUND, _GREY = (24, 26, 30), (150, 155, 165)
 
 
 class Film:
@@ -46,7 +46,7 @@ class Film:
 
     def close(self, outcome: Ended) -> None:
         """Write the film with the outcome in its title."""
-        title = f"{outcome.interface} · episode {outcome.episode} · {outcome.ending} ({self._seconds:.1f} s)"
+        title = f"{outcome.interface} - episode {outcome.episode} - {outcome.ending} ({self._seconds:.1f} s)"
         band = _title(title, self._frames[0].shape[1], _COLOURS[outcome.ending])
         write_mp4(self._path, (np.concatenate([band, frame]) for frame in self._frames), crf=20)
 
@@ -97,29 +97,35 @@ def read_mp4(path: Path) -> NDArray[np.uint8]:
 
 def _frame(env: gymnasium.Env, observation: Any) -> NDArray[np.uint8]:
     """Compose one picture, shape (268, 288, 3)."""
-    canvas = Image.new("RGB", (_FRONT + _WRIST, _FRONT + _STRIP), _BACKGROUND)
-    front = Image.fromarray(np.asarray(env.render(), np.uint8))
-    canvas.paste(front.resize((_FRONT, _FRONT), Image.Resampling.LANCZOS), (0, 0))
+    canvas = np.full((_FRONT + _STRIP, _FRONT + _WRIST, 3), _BACKGROUND, np.uint8)
+    canvas[:_FRONT, :_FRONT] = _resized(np.asarray(env.render(), np.uint8), _FRONT)
     pixels = observation["pixels"]
     if "wrist" in pixels:
-        wrist = Image.fromarray(pixels["wrist"]).resize((_WRIST, _WRIST), Image.Resampling.LANCZOS)
-        canvas.paste(wrist, (_FRONT, 0))
-    draw = ImageDraw.Draw(canvas)
-    draw.text((_FRONT + 6, _WRIST + 6), "wrist camera", fill=(150, 155, 165), font=_font(10))
-    legend = f"touch, 0-{FULL_SCALE:g} N:\nindex, middle,\nring, thumb"
-    draw.text((_FRONT + 6, _FRONT + 8), legend, fill=(150, 155, 165), font=_font(10))
-    strip = Image.fromarray(touch_strip(observation["tactile"]))
+        canvas[:_WRIST, _FRONT:] = _resized(pixels["wrist"], _WRIST)
+    legend = ("wrist camera", "", f"touch, 0-{FULL_SCALE:g} N:", "index, middle,", "ring, thumb")
+    for line, text in enumerate(legend):
+        _write(canvas, text, (_FRONT + 5, _WRIST + 14 + (0 if line == 0 else 86 + 14 * (line - 2))), _GREY)
+    strip = touch_strip(observation["tactile"])
     height = _STRIP - 8
-    width = round(strip.width * height / strip.height)
-    canvas.paste(strip.resize((width, height), Image.Resampling.NEAREST), (_FRONT - width, _FRONT + 4))
-    return np.asarray(canvas)
+    width = round(strip.shape[1] * height / strip.shape[0])
+    small = cv2.resize(strip, (width, height), interpolation=cv2.INTER_NEAREST)
+    canvas[_FRONT + 4 : _FRONT + 4 + height, _FRONT - width : _FRONT] = small
+    return canvas
+
+
+def _resized(picture: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    shrinks = picture.shape[0] > size
+    how = cv2.INTER_AREA if shrinks else cv2.INTER_LANCZOS4
+    return cv2.resize(picture, (size, size), interpolation=how).astype(np.uint8)
 
 
 def _title(text: str, width: int, colour: tuple[int, int, int]) -> NDArray[np.uint8]:
-    band = Image.new("RGB", (width, _TITLE), _BACKGROUND)
-    ImageDraw.Draw(band).text((6, 3), text, fill=colour, font=_font(12))
-    return np.asarray(band)
+    band = np.full((_TITLE, width, 3), _BACKGROUND, np.uint8)
+    _write(band, text, (6, 14), colour)
+    return band
 
 
-def _font(size: int) -> Any:
-    return ImageFont.load_default(size)
+def _write(
+    canvas: NDArray[np.uint8], text: str, origin: tuple[int, int], colour: tuple[int, int, int]
+) -> None:
+    cv2.putText(canvas, text, origin, cv2.FONT_HERSHEY_SIMPLEX, 0.35, colour, 1, cv2.LINE_AA)

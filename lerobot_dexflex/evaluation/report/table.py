@@ -123,14 +123,14 @@ def rates_markdown(summary: Summary) -> str:
     rows = [[f"`{name}`", *cells] for name, *cells in rate_rows(summary)]
     tests = f" Exact McNemar tests over all episodes (Holm): {tests_sentence(summary)}" if summary.tests else ""
     return (
-        as_markdown(rate_header(summary), rows)
+        as_markdown(["interface", *rate_header(summary)[1:]], rows)
         + f"\n\nSuccess with Wilson 95 % intervals; {_episodes(summary)} paired episodes per cell.{tests}"
     )
 
 
 def detail_markdown(summary: Summary) -> str:
     """Return rates, intervals and times to success of one task, and the paired tests in a sentence."""
-    header = ("method", "success", "95 % interval (Wilson)", "time to success")
+    header = ("interface", "success", "95 % interval (Wilson)", "time to success")
     rows = []
     for name in summary.methods:
         rate, seconds = summary.rates[name, summary.columns[-1]], summary.means[name]["completion_time"]
@@ -141,7 +141,7 @@ def detail_markdown(summary: Summary) -> str:
     tests = f" Exact McNemar tests (Holm): {tests_sentence(summary)}" if summary.tests else ""
     return (
         as_markdown(header, rows)
-        + f"\n\nn = {_episodes(summary)} paired episodes per method on held-out initial states "
+        + f"\n\nn = {_episodes(summary)} paired episodes per interface on held-out initial states "
         + f"(seeds {seeds.min()} to {seeds.max()}).{tests}"
     )
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.envs.hand_env import Snapshot
 from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
-from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.goals import feasible_goal
 from lerobot_dexflex.experts.reach.operator import Operator, OperatorState
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.poses import pose_error
 

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from lerobot_dexflex.experts.reach import kernels
 from lerobot_dexflex.experts.reach.object_controller import Mode, ObjectController
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
 from lerobot_dexflex.hand.poses import quaternion_matrix, quaternion_of, quaternion_product
 

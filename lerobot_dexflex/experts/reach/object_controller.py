@@ -12,9 +12,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.experts.reach import kernels
+from lerobot_dexflex.experts.reach.balance import balance_forces
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
-from lerobot_dexflex.hand import leap
+from lerobot_dexflex.hand import kernels, leap
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.poses import quaternion_matrix, quaternion_of, quaternion_product, rotation_between
@@ -237,7 +237,7 @@ class ObjectController:
             gravity = self.senses.gravity
             wrench = np.concatenate([-self.senses.mass * gravity, np.zeros(3)])
             preload = max(self.preload, _PRELOAD_GAIN * self.senses.mass * GRAVITY)
-            wanted[holding], _ = kernels.balance_forces(
+            wanted[holding], _ = balance_forces(
                 now.points[holding],
                 inward,
                 now.position,

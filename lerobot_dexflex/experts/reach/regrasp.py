@@ -4,9 +4,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from lerobot_dexflex.experts.reach import kernels
+from lerobot_dexflex.experts.reach.balance import balance_forces
 from lerobot_dexflex.experts.reach.object_controller import Mode, ObjectController
 from lerobot_dexflex.experts.reach.sensing import HandState
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS, solve_pads
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.poses import quaternion_matrix
@@ -93,6 +94,6 @@ def _balance(
         points, inward = np.vstack([points, extra[0]]), np.vstack([inward, extra[1]])
     senses = controller.senses
     wrench = np.concatenate([-senses.mass * senses.gravity, np.zeros(3)])
-    return kernels.balance_forces(
+    return balance_forces(
         points, inward, now.position, wrench, _FRICTION_SHARE * senses.friction, controller.preload
     )

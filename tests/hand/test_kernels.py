@@ -1,0 +1,73 @@
+"""One compiled hand: a batch is its rows, solvers do not break on bad wishes, torques do virtual work."""
+
+import numpy as np
+import pytest
+
+from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+@pytest.fixture
+def joints(rng):
+    return np.array(NOMINAL_JOINTS) + rng.normal(scale=0.15, size=(64, 16))
+
+
+def every_kernel(joints, rng):
+    """Pair each kernel that takes batches with arguments of as many rows as `joints`."""
+    targets = kernels.fingertips(joints) + rng.normal(scale=0.02, size=(len(joints), 4, 3))
+    normals = rng.normal(size=targets.shape)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    yield kernels.fingertips, (joints,)
+    yield kernels.solve_fingertips, (targets, joints)
+    yield kernels.solve_pads, (targets, normals, joints)
+    for part in range(3):
+        yield (lambda hands, part=part: kernels.frames(hands)[part]), (joints,)
+    for part in range(2):
+        yield (lambda hands, part=part: kernels.pads(hands)[part]), (joints,)
+
+
+def test_a_batch_is_its_rows_to_the_last_bit(joints, rng):
+    for kernel, arguments in every_kernel(joints, rng):
+        rows = [kernel(*[argument[k] for argument in arguments]) for k in range(len(joints))]
+        assert np.array_equal(kernel(*arguments), np.stack(rows))
+        folded = kernel(*[argument.reshape(4, 16, *argument.shape[1:]) for argument in arguments])
+        assert np.array_equal(folded.reshape(len(joints), *folded.shape[2:]), np.stack(rows))
+
+
+def test_no_hands_give_no_hands(joints, rng):
+    for kernel, arguments in every_kernel(joints, rng):
+        assert kernel(*[argument[:0] for argument in arguments]).shape[0] == 0
+
+
+def test_as_many_wishes_as_hands_are_asked_for(joints):
+    tips = kernels.fingertips(joints)
+    with pytest.raises(ValueError, match="as many rows"):
+        kernels.solve_fingertips(tips[:3], joints[:2])
+    with pytest.raises(ValueError, match="as many rows"):
+        kernels.solve_pads(tips[:2], tips[:1], joints[:2])
+
+
+def test_what_is_not_a_number_stays_within_its_finger(joints):
+    tips = kernels.fingertips(joints)
+    broken = tips.copy()
+    broken[:, 1] = np.nan
+    for solved, plain in (
+        (kernels.solve_fingertips(broken, joints), kernels.solve_fingertips(tips, joints)),
+        (kernels.solve_pads(broken, tips, joints), kernels.solve_pads(tips, tips, joints)),
+    ):
+        assert np.isnan(solved[:, 4:8]).all()
+        assert np.array_equal(np.delete(solved, range(4, 8), 1), np.delete(plain, range(4, 8), 1))
+
+
+def test_torques_do_the_work_of_the_forces(joints, rng):
+    forces, change = rng.normal(size=(4, 3)), 1e-6 * rng.normal(size=16)
+    for hand in joints[:3]:
+        tips = kernels.fingertips(hand)
+        torques = kernels.contact_torques(hand, tips, forces)
+        moved = kernels.fingertips(hand + change) - tips
+        assert torques @ change == pytest.approx((forces * moved).sum(), rel=1e-3, abs=1e-9)
