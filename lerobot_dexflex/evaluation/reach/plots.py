@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
@@ -58,16 +59,17 @@ def around_removals(summary: Summary) -> bytes | None:
     middle = _PERIOD * (EVENT_LAGS + EVENT_BIN / 2)
     for axes, condition in zip(panels, conditions, strict=True):
         for k, name in enumerate(main_methods(summary.methods)):
-            texts = summary.of(name, condition)["around"].dropna()
-            if texts.empty or name in ("raw", CLEAN):
+            curves = _curves(summary.of(name, condition))
+            seen = np.isfinite(curves).sum(0)
+            enough = seen > 1
+            if name in ("raw", CLEAN) or not enough.any():
                 continue  # Raw never intervenes; the clean operator replaces the draft.
-            curves = np.array([text.split() for text in texts], float)  # (episodes, bins)
-            seen = np.maximum(np.isfinite(curves).sum(0), 1)
+            at, curves = middle[enough], curves[:, enough]
             mean = np.nanmean(curves, 0)
             # Of hundreds of episodes; the normal interval is that of the bootstrap to the drawn line's width.
-            half = 1.96 * np.nanstd(curves, 0) / np.sqrt(seen)
-            axes.plot(middle, mean, "o-", ms=3, color=colour(k), lw=1.8, label=name)
-            axes.fill_between(middle, mean - half, mean + half, color=colour(k), alpha=0.18, lw=0)
+            half = 1.96 * np.nanstd(curves, 0, ddof=1) / np.sqrt(seen[enough])
+            axes.plot(at, mean, "o-", ms=3, color=colour(k), lw=1.8, label=name)
+            axes.fill_between(at, mean - half, mean + half, color=colour(k), alpha=0.18, lw=0)
         axes.axvspan(0, _PERIOD * EVENT_STEPS, color=INK, alpha=0.15, lw=0)
         axes.set(ylabel=f"intervention, {condition}", ylim=(0, None))
     panels[0].legend(ncols=4, loc="lower left", bbox_to_anchor=(0, 1), **LEGEND)
@@ -130,6 +132,12 @@ def ablations(summary: Summary) -> bytes | None:
     axes.set(xlabel="progress, mean over families", ylim=(len(names) - 0.5, -0.5))
     axes.set_yticks(range(len(names)), names)
     return png(figure)
+
+
+def _curves(rows: pd.DataFrame) -> NDArray[np.float64]:
+    """Return the interventions around removals, NaN where an episode has none. Shape (episodes, bins)."""
+    texts = rows["around"].dropna().tolist()
+    return np.array([text.split() for text in texts], float).reshape(-1, len(EVENT_LAGS))
 
 
 def _gain_curve(summary: Summary, base: str) -> dict[float, str]:

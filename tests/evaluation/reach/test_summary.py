@@ -5,7 +5,7 @@ from degraded_fakes import row
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach import tables
-from lerobot_dexflex.evaluation.reach.plots import main_methods
+from lerobot_dexflex.evaluation.reach.plots import _curves, around_removals, main_methods
 from lerobot_dexflex.evaluation.reach.summary import FAMILIES, default_reference, family, summarise
 from lerobot_dexflex.runs.statistics import rank_test
 
@@ -116,3 +116,13 @@ def test_equal_numbers_are_no_difference_and_unequal_lengths_no_pairs():
     assert rank_test([0.5, 0.7], [0.5, 0.7]).p_value == 1.0
     with pytest.raises(DexFlexError, match="equal length"):
         rank_test([0.5], [0.5, 0.7])
+
+
+def test_interventions_around_removals_are_drawn_from_what_two_episodes_or_more_tell():
+    curves = ["0.10 " * 7 + "nan", "0.30 " * 7 + "nan", "nan " * 7 + "0.50"]
+    found = pd.DataFrame(row("dexflex", "removal_2mm", k, around=text) for k, text in enumerate(curves))
+    assert _curves(found).shape == (3, 8)
+    drawn = around_removals(summarise(found))
+    assert drawn is not None
+    assert drawn.startswith(b"\x89PNG")
+    assert around_removals(summarise(rows({("dexflex", "clean"): [0.5]}))) is None
