@@ -79,8 +79,8 @@ class DisturbedInterface(WrappedInterface):
         """
         if len(draft) != len(self._stream):
             raise DexFlexError(
-                f"{self.errors.name!r} was begun for {len(self._stream)} hands, but {len(draft)} drafts came; "
-                "call `begin` with a seed per hand before an episode."
+                f"{self.errors.name!r} was begun for {len(self._stream)} hands, but {len(draft)} drafts "
+                "came; call `begin` with a seed per hand before an episode."
             )
         spoil = self._joints if self.command_space == "joint" else self._displacements
         return self.inner.step(observation, spoil(observation, draft.double()).to(draft.dtype))

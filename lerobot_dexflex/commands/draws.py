@@ -101,7 +101,7 @@ class RowErrors:
         for error, rng in zip(self._errors, self._generators, strict=True):
             if error.family == "jitter":
                 continue
-            # Drawn for every other family, needed or not: so a seed has meant the same episode from the start.
+            # Drawn for every other family, needed or not: so a seed goes on meaning the same episode.
             bias, until = rng.uniform(-1, 1, (4, 3)) * error.strength, int(rng.integers(*ONSET.first))
             if error.family == "bias":
                 self.bias = bias

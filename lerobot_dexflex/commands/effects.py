@@ -18,7 +18,7 @@ def shaken(motion: Tensor, offsets: Tensor) -> Tensor:
 
 
 def late(motion: Tensor, lag: Tensor) -> Tensor:
-    """Return what was commanded `lag` steps before, (batch, 1) int; the first command before there was one."""
+    """Return what was commanded `lag` steps before, (batch, 1) int, or the first command."""
     source = (torch.arange(motion.shape[1], device=motion.device) - lag).clamp(min=0)  # (batch, steps)
     return motion[torch.arange(len(motion), device=motion.device)[:, None], source]
 

@@ -41,7 +41,7 @@ class Family(NamedTuple):
     onset: Onset | None = None
     """None: from the first step on."""
     duration: int | None = None
-    """Length of an event [control steps]; None: the whole episode, or the strength where there is an onset."""
+    """Length of an event [control steps]; None: the strength, or, without onset, the whole episode."""
     whole: bool = False
     """Whether the strength is a whole number."""
     least: float = 0.0

@@ -44,7 +44,8 @@ class Distortion:
     def __init__(self, errors: CommandErrors, rng: np.random.Generator) -> None:
         self._stream, self._rng = ErrorStream(1), rng
         # Clean commands draw what all errors draw at first, so that a seed goes on as it always has.
-        self._stream.begin(0, errors or CommandErrors.of(scale=1.0), [rng for _ in errors or (None,)])
+        errors = errors or CommandErrors.of(scale=1.0)
+        self._stream.begin(0, errors, [rng for _ in errors])
         self._active, self._left = False, int(rng.integers(*_STRETCH))
 
     def step(self, label: Array, now: HandState) -> tuple[Array, bool]:

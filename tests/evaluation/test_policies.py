@@ -9,11 +9,11 @@ from lerobot.configs import FeatureType
 from lerobot.envs.utils import env_to_policy_features
 from lerobot.policies.factory import make_pre_post_processors
 
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.command_errors import CommandErrors
-from lerobot_dexflex.evaluation.policies import LeRobotPolicies, ObservedInterface
-from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.interfaces import make_interface
+from lerobot_dexflex.evaluation.observed import ObservedInterface
+from lerobot_dexflex.evaluation.policies import LeRobotPolicies
+from lerobot_dexflex.interfaces.method import make_interface
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
 from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig
 from lerobot_policy_dexflex.modeling_dexflex_flow import DexflexFlowPolicy
@@ -103,118 +103,121 @@ def test_the_filter_changes_a_draft_by_what_it_clips_off():
     assert interface.motion.row(0).magnitude() == pytest.approx(0.004 / 0.010001)
 
 
-def test_the_identity_names_one_checkpoint_for_all_drafts(policies):
-    identity = policies.identity(["joint", "raw", "filter"])
-    assert set(identity) == {"checkpoint.joint", "checkpoint.draft", "device"}
-    assert policies.identity(["raw"])["checkpoint.draft"] == identity["checkpoint.draft"]
-    assert identity["checkpoint.joint"] != identity["checkpoint.draft"]
+def test_a_version_holds_checkpoint_plugin_task_and_settings(policies):
+    raw, same = (policies.version("raw", "PlaceHammer-v0", batch_size=1) for _ in range(2))
+    assert raw == same
+    assert policies.version("filter", "PlaceHammer-v0", batch_size=1).weights == raw.weights
+    assert policies.version("joint", "PlaceHammer-v0", batch_size=1).weights != raw.weights
+    assert policies.version("raw", "PourCup-v0", batch_size=1).code != raw.code
+    assert policies.version("shrink", "PlaceHammer-v0", batch_size=1).code != raw.code
+    assert policies.version("raw", "PlaceHammer-v0", batch_size=2).name != raw.name
+    assert "device=cpu" in raw.settings
 
 
-def test_an_interface_can_have_a_checkpoint_of_its_own(policies):
+@pytest.mark.parametrize(
+    "module",
+    ["evaluation/policies.py", "commands/stream.py", "interfaces/raw.py", "envs/place_hammer.py", "plugin"],
+)
+def test_a_byte_in_any_module_that_plays_changes_the_version(policies, monkeypatch, module):
+    before = policies.version("raw", "PlaceHammer-v0")
+    plugin = "lerobot_policy_dexflex/chunk_execution.py"
+    read_bytes, changed = Path.read_bytes, plugin if module == "plugin" else module
+
+    def read(path):
+        return read_bytes(path) + b"#" * str(path).endswith(changed)
+
+    monkeypatch.setattr(Path, "read_bytes", read)
+    assert policies.version("raw", "PlaceHammer-v0").code != before.code
+
+
+def test_a_method_can_have_a_checkpoint_of_its_own(policies):
     nowhere = Path("/nowhere")
     both = LeRobotPolicies(policies.joint, nowhere, own=(("raw", policies.draft), ("filter", policies.draft)))
-    identity = both.identity(["joint", "raw", "filter"])  # The shared draft checkpoint is not needed.
-    assert set(identity) == {"checkpoint.joint", "checkpoint.raw", "checkpoint.filter", "device"}
-    assert identity["checkpoint.raw"] == policies.identity(["raw"])["checkpoint.draft"]
+    both.check(["joint", "raw", "filter"])  # The shared draft checkpoint is not needed.
+    assert both.version("raw", "PourCup-v0") == policies.version("raw", "PourCup-v0")
     np.testing.assert_array_equal(act(both("raw"), [5]), act(policies("raw"), [5]))
     with pytest.raises(DexFlexError, match="No draft checkpoint at /nowhere"):
-        both.identity(["raw", "filter", "shrink"])
+        both.check(["raw", "filter", "shrink"])
     with pytest.raises(DexFlexError, match="A checkpoint is given for filter, but compared are joint, raw"):
-        both.identity(["joint", "raw"])
+        both.check(["joint", "raw"])
     with pytest.raises(DexFlexError, match="learned the action space 'joint'"):
-        replace(both, own=(("raw", policies.joint),)).identity(["raw"])
+        replace(both, own=(("raw", policies.joint),)).check(["raw"])
 
 
-@pytest.mark.parametrize("interface", ["dexgen", "dexflex"])
-def test_a_controller_moves_the_hand_and_belongs_to_the_identity(policies, controller_folder, interface):
+@pytest.mark.parametrize("method", ["dexgen", "dexflex"])
+def test_a_controller_moves_the_hand_and_belongs_to_the_version(policies, controller_folder, method):
     with_controller = replace(policies, controller=str(controller_folder))
-    identity = with_controller.identity(["raw", interface])
-    assert set(identity) == {"checkpoint.draft", f"controller.{interface}", "device"}
-    raw, ours = act(policies("raw"), [5], steps=2), act(with_controller(interface), [5], steps=2)
+    with_controller.check(["raw", method])
+    version = with_controller.version(method, "PourCup-v0")
+    assert version.weights != policies.version(method, "PourCup-v0").weights
+    assert with_controller.version("raw", "PourCup-v0") == policies.version("raw", "PourCup-v0")
+    raw, ours = act(policies("raw"), [5], steps=2), act(with_controller(method), [5], steps=2)
     np.testing.assert_array_equal(raw[..., :7], ours[..., :7])
     assert np.abs(raw[..., 7:] - ours[..., 7:]).max() > 1e-3
 
 
 def test_a_comparison_without_its_controller_is_refused(policies, tmp_path):
     with pytest.raises(DexFlexError, match="No controller at"):
-        replace(policies, controller=str(tmp_path)).identity(["dexflex"])
+        replace(policies, controller=str(tmp_path)).check(["dexflex"])
 
 
-def test_the_card_of_a_checkpoint_is_not_its_identity_but_its_configuration_is(policies, tmp_path):
+def test_the_card_of_a_checkpoint_is_not_its_version_but_its_configuration_is(policies, tmp_path):
     (tmp_path / "model.safetensors").write_bytes((policies.draft / "model.safetensors").read_bytes())
     config = json.loads((policies.draft / "config.json").read_text())
-    moved = LeRobotPolicies(tmp_path, tmp_path)
+    copied = LeRobotPolicies(tmp_path, tmp_path)
     (tmp_path / "config.json").write_text(json.dumps(config))
-    before = moved.identity(["raw"])
+    before = copied.version("raw", "PourCup-v0")
     (tmp_path / "README.md").write_text("A card.")
-    assert moved.identity(["raw"]) == before
+    assert copied.version("raw", "PourCup-v0") == before
     (tmp_path / "config.json").write_text(json.dumps(config | {"euler_steps": 2}))
-    assert moved.identity(["raw"]) != before
+    assert copied.version("raw", "PourCup-v0") != before
 
 
 def test_a_checkpoint_of_another_action_space_is_refused(policies):
     swapped = LeRobotPolicies(policies.draft, policies.joint)
-    with pytest.raises(
-        DexFlexError, match="learned the action space 'draft', but this interface executes 'joint'"
-    ):
-        swapped.identity(["joint"])
+    message = "learned the action space 'draft', but this interface executes 'joint'"
+    with pytest.raises(DexFlexError, match=message):
+        swapped.check(["joint"])
+    with pytest.raises(DexFlexError, match=message):
+        swapped.version("joint", "PourCup-v0")
 
 
 def test_a_missing_checkpoint_says_how_to_train_it(policies, tmp_path):
     with pytest.raises(
         DexFlexError, match=r"No draft checkpoint at .*lerobot-train .*--policy.interface=raw"
     ):
-        LeRobotPolicies(policies.joint, tmp_path).identity(["joint", "raw"])
+        LeRobotPolicies(policies.joint, tmp_path).check(["joint", "raw"])
 
 
-def test_noise_on_fingertips_belongs_to_the_control_step_and_spares_the_arm(policies):
-    seen = []
-    for width in (0.0, 0.004):
-        seen.append(seen_chunks(replace(policies, errors=CommandErrors(noise=width))("raw"), [5]))
-    clean, noisy = seen
-    first, second = (noisy - clean)[:, 0]  # Planned at steps 0 and 8.
-    assert (first[:, :7] == 0).all()
-    assert 0.003 < first[:, 7:].abs().max() <= 0.004 + 1e-6
-    torch.testing.assert_close(first[8:], second[: len(first) - 8], atol=1e-6, rtol=0)
+@pytest.mark.parametrize("text", ["", "{", "[]"])
+def test_a_damaged_configuration_is_refused_by_its_name(policies, tmp_path, text):
+    (tmp_path / "model.safetensors").touch()
+    (tmp_path / "config.json").write_text(text)
+    with pytest.raises(DexFlexError, match=r"config\.json is damaged"):
+        LeRobotPolicies(policies.joint, tmp_path).check(["raw"])
 
 
-def seen_chunks(controller, seeds):
-    """Return the chunks that are executed in an episode: (plans, batch, steps, columns)."""
-    chunks = []
-    execution = controller._policy.execution
-    begin = execution.begin
-
-    def noted(chunk):
-        begin(chunk)
-        chunks.append(execution._chunk.clone())
-
-    execution.begin = noted
-    act(controller, seeds)
-    return torch.stack(chunks)
+def commands(controller, steps=10):
+    """Return the commanded fingertips of an episode past a second planning, (steps, 4, 3)."""
+    controller.reset([5])
+    found = []
+    for _ in range(steps):
+        controller.act(observation(1), "task")
+        found.append(controller.motion.command[0])
+    return np.stack(found)
 
 
-def test_noise_moves_the_fingertips_of_planned_joints_as_those_of_drafts(policies):
-    joints = torch.full((1, 16, 23), 0.3)
-    draft = torch.cat([joints[..., :7], fingertips(joints[0, :, 7:]).view(1, 16, 12)], -1)
-    changes = []
-    for interface, plan in (("raw", draft), ("joint", joints)):
-        controller = replace(policies, errors=CommandErrors(noise=0.004))(interface)
-        controller.reset([5])
-        noisy = controller._noise.disturbed(plan, 0)[0]
-        assert torch.equal(noisy[:, :7], plan[0, :, :7])
-        tips = noisy[:, 7:].view(-1, 4, 3) if interface == "raw" else fingertips(noisy[:, 7:])
-        changes.append((tips - fingertips(joints[0, :, 7:])).flatten())
-    asked, moved = changes
-    # The tie to the posture leaves some of it out, as it does under `raw` in every step.
-    assert 0.5 < (moved @ asked) / (asked @ asked) < 1
-    assert torch.corrcoef(torch.stack(changes))[0, 1] > 0.8
+def test_jitter_on_plans_is_new_in_every_step_and_does_not_add_up(policies):
+    errors = CommandErrors.of(jitter=0.004)
+    clean, shaken = commands(policies("raw")), commands(policies("raw", errors))
+    rng = np.random.default_rng(5)
+    expected = np.stack([rng.uniform(-0.004, 0.004, (4, 3)) for _ in range(10)])
+    np.testing.assert_allclose(shaken - clean, expected, atol=1e-6)
+    actions = act(policies("raw", errors), [5])
+    np.testing.assert_array_equal(actions[..., :7], act(policies("raw"), [5])[..., :7])
 
 
-def test_noise_is_part_of_the_settings_and_must_be_a_width(policies):
-    assert (
-        replace(policies, errors=CommandErrors(noise=0.004)).identity(["joint", "raw"])["command_noise"]
-        == "0.004"
-    )
-    assert "command_noise" not in policies.identity(["raw"])
-    with pytest.raises(DexFlexError, match=r"0 or more \[m\]. Got nan"):
-        replace(policies, errors=CommandErrors(noise=float("nan"))).identity(["raw"])
+def test_errors_reach_planned_joints_too_and_spare_the_arm(policies):
+    clean, shaken = (act(policies("joint", e), [5]) for e in (NO_ERRORS, CommandErrors.of(jitter=0.004)))
+    np.testing.assert_array_equal(clean[..., :7], shaken[..., :7])
+    assert 0.01 < np.median(np.abs(clean - shaken)[..., 7:].max(-1)) < 0.5

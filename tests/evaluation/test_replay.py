@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
+from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.replay import ReplayController, load_demonstrations
 from lerobot_dexflex.hand.kinematics import fingertips
@@ -68,20 +69,19 @@ def test_raw_moves_the_commanded_fingertips_onto_the_recorded_ones(actions):
 
 
 def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):
-    controller = ReplayController(actions, "raw", noise=0.004)
+    controller = ReplayController(actions, "raw", CommandErrors.of(jitter=0.004))
     controller.reset([3])
     drafts = []
-    raw_step = controller._interface.step
-    monkeypatch.setattr(
-        controller._interface, "step", lambda batch, draft: drafts.append(draft) or raw_step(batch, draft)
-    )
+    raw = controller._interface.inner
+    raw_step = raw.step
+    monkeypatch.setattr(raw, "step", lambda batch, draft: drafts.append(draft) or raw_step(batch, draft))
     for _ in range(5):
         controller.act({"agent_pos": STATE}, "task")
     assert drafts[0].shape == (1, 8, 4, 3)
     for first, second in itertools.pairwise(drafts):  # What was planned is what comes.
         torch.testing.assert_close(first[:, 2:], second[:, 1:-1], atol=1e-12, rtol=0)
     rng = np.random.default_rng(3)
-    errors = [0.004 * rng.uniform(-1, 1, (4, 3)) for _ in range(5)]
+    errors = [rng.uniform(-0.004, 0.004, (4, 3)) for _ in range(5)]
     command = controller._interface.command
     assert command is not None
     np.testing.assert_allclose(command[0].numpy() - actions[2, 23:].reshape(4, 3), errors[4], atol=1e-7)
@@ -123,7 +123,7 @@ def test_a_dataset_of_another_rate_is_refused(dataset):
 
 def test_noise_shakes_the_commanded_fingertips_within_its_width_and_repeats_by_seed(actions):
     def commands(seed):
-        controller = ReplayController(actions, "raw", noise=0.004)
+        controller = ReplayController(actions, "raw", CommandErrors.of(jitter=0.004))
         controller.reset([seed])
         played = []
         for _ in range(3):

@@ -2,11 +2,11 @@ import gymnasium
 import numpy as np
 import pytest
 
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation import operators
-from lerobot_dexflex.evaluation.command_errors import CommandErrors
-from lerobot_dexflex.evaluation.operators import Operators
+from lerobot_dexflex.evaluation import teleoperators
 from lerobot_dexflex.evaluation.rollout import run_group
+from lerobot_dexflex.evaluation.teleoperators import Teleoperators
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command, fingertips_of
 
@@ -40,7 +40,7 @@ def act(controller, envs, seeds, steps):
 
 def test_without_a_glove_raw_passes_on_what_the_expert_does():
     (env,) = environments(1)
-    actions = act(Operators(TASK)("raw"), [env], [7], 60)[:, 0]
+    actions = act(Teleoperators(TASK)("raw"), [env], [7], 60)[:, 0]
     env.reset(seed=7)
     commands = make_expert(TASK)(env.unwrapped, np.random.default_rng((7, 2)))
     for action in actions:
@@ -49,8 +49,8 @@ def test_without_a_glove_raw_passes_on_what_the_expert_does():
         env.step(command.executed)
 
 
-def test_an_operator_without_a_glove_solves_its_task_and_its_motion_is_told():
-    controller = Operators(TASK)("raw")
+def test_a_teleoperator_without_a_glove_solves_its_task_and_its_motion_is_told():
+    controller = Teleoperators(TASK)("raw")
     [recorder] = run_group(environments(1), controller, [7])
     assert recorder.success
     assert controller.motion is not None
@@ -59,7 +59,7 @@ def test_an_operator_without_a_glove_solves_its_task_and_its_motion_is_told():
 
 @pytest.mark.parametrize("interface", ["raw", "filter"])
 def test_rows_have_their_own_glove_and_interface(interface):
-    controller = Operators(TASK, errors=CommandErrors(noise=0.004))(interface)
+    controller = Teleoperators(TASK)(interface, CommandErrors.of(jitter=0.004))
     envs = environments(2)
     both = act(controller, envs, [7, 8], 6)
     alone = [act(controller, [env], [seed], 6)[:, 0] for env, seed in zip(envs, (7, 8), strict=True)]
@@ -72,7 +72,8 @@ def test_rows_have_their_own_glove_and_interface(interface):
 def test_the_glove_shakes_the_hand_by_its_noise_and_not_the_arm():
     envs = environments(1)
     steady, shaken = (
-        act(Operators(TASK, errors=CommandErrors(noise=n))("raw"), envs, [7], 12)[:, 0] for n in (0.0, 0.004)
+        act(Teleoperators(TASK)("raw", errors), envs, [7], 12)[:, 0]
+        for errors in (NO_ERRORS, CommandErrors.of(jitter=0.004))
     )
     # The arm follows the expert, which sees the shaken hand's object only after the grasp.
     np.testing.assert_allclose(shaken[:, :7], steady[:, :7], atol=1e-9)
@@ -86,24 +87,28 @@ def test_an_expert_that_is_done_keeps_its_last_command(monkeypatch):
             joints = env.command + 0.01 * (k + 1)
             yield Command(joints, fingertips_of(joints[7:]), joints)
 
-    monkeypatch.setattr(operators, "make_expert", lambda task: brief)
-    actions = act(Operators(TASK)("raw"), environments(1), [7], 4)[:, 0]
+    monkeypatch.setattr(teleoperators, "make_expert", lambda task: brief)
+    actions = act(Teleoperators(TASK)("raw"), environments(1), [7], 4)[:, 0]
     assert np.abs(actions[1] - actions[0]).max() > 1e-3
     np.testing.assert_allclose(actions[2:, :7], actions[[1, 1], :7], atol=1e-12)
     np.testing.assert_allclose(actions[2:, 7:], actions[[1, 1], 7:], atol=5e-3)
 
 
-def test_settings_are_checked_and_decide_the_identity(controller_folder):
-    plain = Operators(TASK).identity(["raw", "filter"])
-    assert set(plain) == {"operator"}
-    errors = CommandErrors(noise=0.004)
-    learned = Operators(TASK, str(controller_folder), errors).identity(["raw", "dexflex"])
-    assert learned["command_noise"] == "0.004"
-    assert learned["operator"] == plain["operator"]
-    assert "controller.dexflex" in learned
+def test_what_cannot_run_is_refused_early(controller_folder, tmp_path):
+    Teleoperators(TASK, str(controller_folder)).check(["raw", "dexflex"])
     with pytest.raises(DexFlexError, match=r"one that reads drafts: raw, .* Got 'joint': an operator"):
-        Operators(TASK).identity(["raw", "joint"])
+        Teleoperators(TASK).check(["raw", "joint"])
     with pytest.raises(DexFlexError, match="No expert for task 'Reach-v0'"):
-        Operators("Reach-v0").identity(["raw"])
-    with pytest.raises(DexFlexError, match=r"`command_noise` must be 0 or more \[m\]. Got -1"):
-        Operators(TASK, errors=CommandErrors(noise=-1)).identity(["raw"])
+        Teleoperators("Reach-v0").check(["raw"])
+    with pytest.raises(DexFlexError, match="No controller at"):
+        Teleoperators(TASK, str(tmp_path)).check(["dexflex"])
+
+
+def test_a_version_holds_expert_interface_and_controller(controller_folder):
+    raw = Teleoperators(TASK).version("raw", TASK)
+    assert raw == Teleoperators(TASK, str(controller_folder)).version("raw", TASK)
+    assert raw.code != Teleoperators(TASK).version("shrink", TASK).code
+    assert raw.code != Teleoperators("PourCup-v0").version("raw", "PourCup-v0").code
+    shipped, other = (Teleoperators(TASK, c).version("dexflex", TASK) for c in ("", str(controller_folder)))
+    assert shipped.code == other.code
+    assert shipped.weights != other.weights

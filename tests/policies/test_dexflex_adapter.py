@@ -112,7 +112,10 @@ def test_a_training_step_says_that_the_backbone_is_trained(adapter, observation)
 
 def test_comparisons_load_it_by_its_backbone_alone(backbone):
     policies = AdaptedPolicies(backbone)
-    assert set(policies.identity(["raw", "dexflex"])) == {"backbone", "controller.dexflex", "device"}
+    policies.check(["raw", "dexflex"])
+    raw, ours = (policies.version(name, "PourCup-v0") for name in ("raw", "dexflex"))
+    assert raw.weights != ours.weights
+    assert raw.code != ours.code
     controller = policies("shrink")
     images = np.random.default_rng(0).integers(0, 255, (2, 1, 96, 96, 3), np.uint8)
     seen = {
@@ -133,4 +136,4 @@ def test_comparisons_load_it_by_its_backbone_alone(backbone):
 
 def test_a_comparison_without_the_backbones_checkpoint_is_refused(tmp_path):
     with pytest.raises(DexFlexError, match=r"config\.json, model\.safetensors not found.*--backbone="):
-        AdaptedPolicies(tmp_path).identity(["raw"])
+        AdaptedPolicies(tmp_path).check(["raw"])

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from lerobot_dexflex.commands.corruption import Corruption
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.commands.loop import run_chains
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.experts.reach.chains import MAX_STEPS, N_GOALS, Chain, HeldObject, build_chain
@@ -39,14 +39,14 @@ def test_a_verified_chain_fits_the_time_limit(chain):
 
 
 def test_clean_commands_complete_the_chain(chain):
-    (episode,) = run_chains([chain], Corruption(), make_interface("raw"))
+    (episode,) = run_chains([chain], NO_ERRORS, make_interface("raw"))
     assert not episode.dropped
     assert episode.goals_reached >= N_GOALS - 1
     np.testing.assert_array_equal(episode.label, episode.draft)
 
 
 def test_no_command_reaches_nothing(chain):
-    (episode,) = run_chains([chain], Corruption("scale", 0.0), make_interface("raw"))
+    (episode,) = run_chains([chain], CommandErrors.of(scale=0.0), make_interface("raw"))
     assert episode.progress < 0.3
     assert np.abs(episode.executed).max() < 1e-12
 

@@ -1,0 +1,54 @@
+"""Names of errors round-trip, and what is no error is refused with what would be one."""
+
+import pytest
+
+from lerobot_dexflex.commands.families import FAMILIES, NO_ERRORS, CommandErrors
+from lerobot_dexflex.errors import DexFlexError
+
+NAMES = [
+    *("noise_2mm", "jitter_4mm", "scale_1.5", "scale_0", "delay_2", "removal_3mm"),
+    *("bias_0.5mm", "freeze_8", "dropout_16", "delay_2+noise_1mm", "jitter_4mm+removal_2mm"),
+]
+
+
+@pytest.mark.parametrize("name", ["clean", *NAMES])
+def test_names_round_trip(name):
+    assert CommandErrors.parse(name).name == name
+
+
+def test_every_family_is_tried_above_and_no_errors_are_clean():
+    assert {family for name in NAMES for family in CommandErrors.parse(name).families} == set(FAMILIES)
+    assert CommandErrors.parse("clean") == NO_ERRORS
+    assert not NO_ERRORS
+
+
+def test_strengths_are_si_and_errors_have_one_order():
+    errors = CommandErrors.parse("removal_2mm+jitter_4mm")
+    assert errors == CommandErrors.of(jitter=0.004, removal=0.002)
+    assert errors.name == "jitter_4mm+removal_2mm"
+
+
+def test_events_last_as_long_as_the_table_or_the_strength_says():
+    steps = {error.family: error.steps for error in CommandErrors.parse("removal_2mm+freeze_3+noise_1mm")}
+    assert steps == {"removal": 8, "freeze": 3, "noise": 0}
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("typo_2mm", r"'typo_2mm' is no command error. Valid: delay_<steps>, .*noise_<mm>"),
+        ("noise_xmm", "'noise_xmm' is no command error"),
+        ("noise", "'noise' is no command error"),
+        ("noise_2", "'noise_2' is no command error"),
+        ("clean+noise_2mm", "'clean' is no command error"),
+        ("", "'' is no command error"),
+        ("delay_1.5", "'delay', by so many steps, must be a whole number, 0 or more. Got 1.5"),
+        ("freeze_0", "'freeze', for so many steps, must be a whole number, 1 or more. Got 0.0"),
+        ("scale_-1", "'scale', factor of every displacement, must be 0 or more. Got -1.0"),
+        ("jitter_nanmm", "must be 0 or more. Got nan"),
+        ("noise_1mm+noise_2mm", "names a family twice"),
+    ],
+)
+def test_what_is_no_error_is_refused(name, message):
+    with pytest.raises(DexFlexError, match=message):
+        CommandErrors.parse(name)
