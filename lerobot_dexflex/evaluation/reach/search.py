@@ -16,11 +16,11 @@ import pandas as pd
 import statsmodels.api as sm
 from numpy.typing import NDArray
 
-from lerobot_dexflex.commands.corruption import Corruption
+from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.loop import run_chains
 from lerobot_dexflex.controller import DexFlexController, SelectionSettings
 from lerobot_dexflex.controller.settings import ProjectionSettings
-from lerobot_dexflex.corpus.distortion import sample_corruption
+from lerobot_dexflex.corpus.distortion import sample_errors
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
@@ -61,7 +61,7 @@ class Trial(NamedTuple):
     settings: ProjectionSettings
     seeds: tuple[int, ...]
     """Of the chains."""
-    errors: tuple[Corruption, ...]
+    errors: tuple[CommandErrors, ...]
     """What goes wrong with the commands, one for each chain."""
 
 
@@ -128,7 +128,7 @@ def draw_trial(number: int, seeds: Sequence[int]) -> Trial:
     rng = np.random.default_rng((number, 17))
     settings = ProjectionSettings(**{key: float(rng.uniform(*ends)) for key, ends in RANGES.items()})
     chosen = rng.choice(len(seeds), min(BATCH, len(seeds)), replace=False)
-    errors = tuple(sample_corruption(rng, CLEAN_SHARE) for _ in chosen)
+    errors = tuple(sample_errors(rng, CLEAN_SHARE) for _ in chosen)
     return Trial(settings, tuple(seeds[k] for k in chosen), errors)
 
 
