@@ -9,7 +9,7 @@ help:  ## List the targets.
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-8s %s\n", $$1, $$2}'
 
 demo: $(READY)  ## Compare joint targets, DexGen and DexFlex on the shipped policies (2 minutes on 2 cores).
-	$(PYTHON) eval/compare_interfaces.py --interfaces joint dexgen dexflex --demo
+	$(PYTHON) eval/compare_interfaces.py --methods=joint,dexgen,dexflex --demo
 
 test: $(READY)  ## Run all tests on 2 cores (about 5 minutes).
 	$(PYTHON) -m pytest --numprocesses=2 --dist=worksteal

@@ -2,55 +2,62 @@
 
 python docs/render_results.py
 
-results.png: success of the interfaces on every task, with clean and with spoilt commands. degraded.png and
-removals.png: figures of the degraded-command benchmark's report.
+results.png: success of the interfaces on every task, with clean and with spoilt commands, from
+eval/results/tasks.csv. degraded.png and removals.png: figures of the benchmark's report, from reach.csv
+there; without that file they stay as they are.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lerobot_dexflex.evaluation.reach import plots
+from lerobot_dexflex.evaluation.reach.summary import summarise as summarise_benchmark
 from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_panels, png
+from lerobot_dexflex.evaluation.summary import newest, summarise
+from lerobot_dexflex.runs.statistics import Rate
+from lerobot_dexflex.runs.table import read
 
 RESULTS = Path(__file__).resolve().parents[1] / "eval/results"
-RUNS = {
-    "tasks": "clean commands",
-    "tasks_removal": "the most loaded finger is taken off the object now and then",
-    "tasks_noise": "±4 mm of noise on the commanded fingertips",
+TASKS = ("PourCup-v0", "PlaceHammer-v0", "AssembleTable-v0")
+CONDITIONS = {
+    "clean": "clean commands",
+    "removal_2mm": "the most loaded finger is taken off the object now and then",
+    "jitter_4mm": "±4 mm of noise on the commanded fingertips",
 }
-"""Result files and their meanings, a panel each."""
+"""Conditions and their meanings, a panel each."""
 INTERFACES = ("joint", "raw", "filter", "shrink", "dexgen", "dexgen@0.6", "dexgen@0.4", "dexflex")
 SPREAD = 0.7
 """Width of a group of interfaces; the groups' distance is 1."""
 
 
 def main() -> None:
-    """Draw all of them."""
-    degraded = _result("degraded")
-    for name, picture in {
-        "results": success(),
-        "degraded": plots.bars(degraded),
-        "removals": plots.around_removals(degraded),
-    }.items():
+    """Draw all that there are rows of."""
+    pictures = {"results": success()}
+    if (RESULTS / "reach.csv").exists():
+        benchmark = summarise_benchmark(newest(read(RESULTS / "reach.csv")))
+        pictures["degraded"] = plots.bars(benchmark)
+        pictures["removals"] = plots.around_removals(benchmark) or b""
+    for name, picture in pictures.items():
         if picture:
             Path(__file__).with_name(f"{name}.png").write_bytes(picture)
 
 
 def success() -> bytes:
     """Draw success on every task and on average, a panel per condition."""
+    rows = newest(read(RESULTS / "tasks.csv"))
     shifts = np.linspace(-SPREAD / 2, SPREAD / 2, len(INTERFACES))
     looks = [(name, shift, colour(k)) for k, (name, shift) in enumerate(zip(INTERFACES, shifts, strict=True))]
-    figure, panels = new_panels(9.0, 7.0, len(RUNS))
-    for axes, (run, meaning) in zip(panels, RUNS.items(), strict=True):
-        result = _result(run)
-        columns = result["columns"]
+    figure, panels = new_panels(9.0, 7.0, len(CONDITIONS))
+    for axes, (condition, meaning) in zip(panels, CONDITIONS.items(), strict=True):
+        part = rows[(rows["condition"] == condition) & rows["task"].isin(TASKS)]
+        run = [name for name in INTERFACES if name in set(part["method"])]
+        summary = summarise(part, run, columns=TASKS)
         for name, shift, ink in looks:
-            if rates := result["success"].get(name):
-                _draw(axes, [rates[c] for c in columns], shift, ink)
-        axes.set_xticks(range(len(columns)), [column.replace("_", " ") for column in columns])
+            if name in run:
+                _draw(axes, [summary.rates[name, column] for column in summary.columns], shift, ink)
+        axes.set_xticks(range(len(summary.columns)), [c.removesuffix("-v0") for c in summary.columns])
         axes.set(ylim=(-3, 103), ylabel="success [%]")
         axes.set_title(meaning, color=INK, fontsize=9, loc="left")
     for name, _, ink in looks:
@@ -59,13 +66,9 @@ def success() -> bytes:
     return png(figure)
 
 
-def _result(name: str) -> dict[str, Any]:
-    return json.loads((RESULTS / f"{name}.json").read_text())
-
-
-def _draw(axes: Any, rates: list[dict[str, Any]], shift: float, ink: str) -> None:
+def _draw(axes: Any, rates: list[Rate], shift: float, ink: str) -> None:
     for k, rate in enumerate(rates):
-        centre, (low, high) = rate["pc_success"], rate["pc_success_ci95"]
+        centre, (low, high) = rate.pc_success, rate.pc_success_ci95
         error = np.clip([[centre - low], [high - centre]], 0, None)
         axes.errorbar(k + shift, centre, error, fmt="o", color=ink, capsize=3)
 

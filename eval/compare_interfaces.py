@@ -1,180 +1,184 @@
-"""Compare action interfaces on the same episodes: table, tests, and a report with videos.
+"""Compare action interfaces on the same episodes: tables, tests, and a report with films.
 
-python eval/compare_interfaces.py --task PlaceHammer-v0 --interfaces joint raw filter --episodes 100
+python eval/compare_interfaces.py --tasks=PlaceHammer-v0 --methods=joint,raw,dexflex --episodes=100
 
-Interrupt with Ctrl-C and run the same command again to continue; a larger --episodes extends a comparison.
+Interrupt with Ctrl-C and run the same command again to continue. More tasks, methods, conditions or episodes
+extend what is there; only rows whose method changed run again.
 """
 
-import argparse
-import dataclasses
 import os
 import shlex
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lerobot_dexflex.envs.registration import NAMESPACE, TASKS
+from lerobot_dexflex import console
+from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 
 _ROOT = Path(__file__).resolve().parents[1]
 _CHECKPOINTS = Path("policies/checkpoints")
+EPISODES, VIDEOS = 100, 4
 DEMO_EPISODES, DEMO_VIDEOS = 12, 2
 """Chosen so that three interfaces take less than five minutes on two cores."""
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the command line."""
-    command = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
-    )
-    add = command.add_argument
-    add("--task", default="PlaceHammer-v0", help="one of " + ", ".join(TASKS))
-    add("--interfaces", nargs="+", default=["joint", "raw", "filter"], help="default: joint raw filter")
-    add("--episodes", type=int, help=f"episodes per interface; default 100, {DEMO_EPISODES} with --demo")
-    add("--seed", type=int, default=100_000, help="episode i uses seed SEED + i; default 100000 (held out)")
-    add(
-        "--disturbance",
-        default="none",
-        help="heavy, slippery, pushed, late_touch, miscalibrated; default none",
-    )
-    add("--command-noise", type=float, default=0.0, help="half width of noise on commanded fingertips [m]")
-    add(
-        "--command-removal",
-        type=float,
-        default=0.0,
-        help="now and then the most loaded finger is sent off the object, so fast [m per step]",
-    )
-    add("--joint-policy", type=Path, help="folder pretrained_model; default: the shipped checkpoint")
-    add("--draft-policy", type=Path, help="the same for all interfaces that read drafts")
-    add(
-        "--policy",
-        action="append",
-        default=[],
-        metavar="INTERFACE=FOLDER",
-        help="this interface's own checkpoint, e.g. trained on what was recorded through it; repeatable",
-    )
-    add("--backbone", type=Path, help="folder pretrained_model of ACT or another policy of LeRobot instead")
-    add("--controller", default="", help="folder or hub id, for dexgen and dexflex; default: the shipped one")
-    add(
-        "--operator",
-        action="store_true",
-        help="no policy: the scripted, privileged expert teleoperates the hand through the interfaces",
-    )
-    add("--device", default="cpu", help="torch device of the policies; default cpu")
-    add("--workers", type=int, default=2, help="worker processes; does not change results; default 2")
-    add("--batch-size", type=int, default=1, help="episodes in lock-step per worker; default 1")
-    add("--output", type=Path, help="default: outputs/compare/TASK-<hash of all settings>")
-    add("--videos", type=int, help=f"film the first so many episodes; default 4, {DEMO_VIDEOS} with --demo")
-    add("--rerun", action="store_true", help="also log the filmed episodes as .rrd for `rerun`")
-    add("--demo", action="store_true", help="a few episodes, within five minutes on two cores")
-    return command
+@dataclass
+class Config:
+    """Compare action interfaces on the same episodes of tasks, under policies or the scripted operator."""
+
+    tasks: str = "PlaceHammer-v0"
+    """Names of tasks, separated by commas."""
+    methods: str = "joint,raw,filter"
+    """`name[-ablation][:options][@gain],...`, such as `raw,dexgen@0.4,dexflex-notouch`."""
+    conditions: str = "clean"
+    """What goes wrong, separated by commas: errors of commands and disturbances, such as
+    `clean,jitter_4mm,removal_2mm+heavy`."""
+    episodes: int = 0
+    """Per task, method and condition; 0 means 100, or 12 with `demo`."""
+    seed: int = 100_000
+    """Episode i starts from environment seed `seed + i`; the default and above are held out."""
+    joint_policy: Path | None = None
+    """Folder `pretrained_model` of the policy that learned joint targets; default: the task's shipped one."""
+    draft_policy: Path | None = None
+    """The same for all interfaces that read drafts."""
+    policies: str = ""
+    """`METHOD=FOLDER,...`: methods' own checkpoints, e.g. trained on what was recorded through them."""
+    backbone: Path | None = None
+    """Folder `pretrained_model` of ACT or another policy of LeRobot, under all interfaces, instead."""
+    operator: bool = False
+    """No policy: the scripted, privileged expert teleoperates the hand through the interfaces."""
+    controller: str = ""
+    """Folder or hub id of the controller of dexgen and dexflex; default: the shipped one."""
+    label: str = ""
+    """Goes before the methods' names in the table, to tell policies apart: `act` leaves rows of `act/raw`.
+    Empty: nothing, `operator` or the kind of the `backbone`."""
+    device: str = "cpu"
+    """Torch device of the policies."""
+    workers: int = 2
+    """Worker processes; 0 runs in this one. Rows do not depend on it."""
+    batch_size: int = 1
+    """Episodes in lock-step in a worker; decides the last bits."""
+    output: Path = Path("outputs/compare")
+    """Folder of the rows and the report; `eval/results` publishes them."""
+    videos: int = -1
+    """Film the first so many episodes; -1 means 4, or 2 with `demo`."""
+    rerun: bool = False
+    """Also log the filmed episodes as `.rrd` for rerun."""
+    demo: bool = False
+    """Run a few episodes, within five minutes on two cores."""
+
+    def __post_init__(self) -> None:
+        if strangers := [name for name in names(self.tasks) if name not in TASKS]:
+            raise DexFlexError(f"Unknown task {strangers[0]!r}. Valid tasks: {', '.join(TASKS)}.")
+        for name in ("workers", "episodes", "seed"):
+            if getattr(self, name) < 0:
+                raise DexFlexError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        ours = any((self.joint_policy, self.draft_policy, self.policies))
+        if ours + (self.backbone is not None) + self.operator > 1:
+            raise DexFlexError(
+                "Give one of --operator, --backbone, which serves all interfaces, or --joint_policy, "
+                "--draft_policy and --policies."
+            )
+        if (ours or self.backbone) and len(names(self.tasks)) > 1:
+            raise DexFlexError(f"A policy learned one task. Give one of --tasks={self.tasks}, or no policy.")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
-    try:
-        comparison = build(options)
-        result, report = run(comparison, options.workers)
-    except DexFlexError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nInterrupted; finished episodes are kept. The same command continues.", file=sys.stderr)
-        return 130
-    from lerobot_dexflex.evaluation.report.table import markdown
+    return console.run(Config, _work, arguments)
 
-    print(f"\n{markdown(result)}\n\nReport: {report}")
-    if options.rerun:
-        print(f"Recordings: rerun {comparison.output}/rerun/0000_*.rrd")
-    if options.demo:
-        print(f"Next: {next_command(sys.argv[1:] if arguments is None else arguments)}")
+
+def _work(config: Config, words: list[str]) -> int:
+    # Seconds of imports that --help and a mistyped option need not pay.
+    from lerobot_dexflex.evaluation.comparison import compare
+
+    comparison = build(config)
+    print(f"{', '.join(comparison.methods)} into {comparison.table}", flush=True)
+    rows = compare(comparison, config.workers)
+    from lerobot_dexflex.evaluation.report.page import write_report
+
+    text, page = write_report(comparison, rows)
+    print(f"\n{text}\n\nReport: {page}")
+    if config.rerun:
+        print(f"Recordings: rerun {comparison.output}/rerun/**/*.rrd")
+    if config.demo:
+        print(f"Next: {next_command(words)}")
     return 0
 
 
-def build(options: argparse.Namespace) -> Any:
-    """Return the comparison that the options describe.
+def build(config: Config) -> Any:
+    """Return the comparison that a configuration describes.
 
     Raises:
-        DexFlexError: If the task, an interface or a checkpoint does not exist or does not fit.
+        DexFlexError: If a method, a condition or a checkpoint does not exist or does not fit.
     """
     from lerobot_dexflex.evaluation.comparison import Comparison
-    from lerobot_dexflex.evaluation.provenance import identity_digest
-    from lerobot_dexflex.interfaces import Method
+    from lerobot_dexflex.interfaces.method import Method
 
-    if options.task not in TASKS:
-        raise DexFlexError(f"Unknown task {options.task!r}. Valid tasks: {', '.join(TASKS)}.")
-    for name in options.interfaces:
-        Method.parse(name)
-    if options.workers < 0:
-        raise DexFlexError(f"`--workers` must not be negative. Got {options.workers}.")
-    episodes, videos = (DEMO_EPISODES, DEMO_VIDEOS) if options.demo else (100, 4)
-    comparison = Comparison(
-        env_id=f"{NAMESPACE}/{options.task}",
-        interfaces=tuple(options.interfaces),
-        policies=commander(options),
-        output=options.output or Path(),
-        episodes=episodes if options.episodes is None else options.episodes,
-        seed=options.seed,
-        batch_size=options.batch_size,
-        videos=videos if options.videos is None else options.videos,
-        disturbance=options.disturbance,
-        rerun=options.rerun,
+    episodes, videos = (DEMO_EPISODES, DEMO_VIDEOS) if config.demo else (EPISODES, VIDEOS)
+    return Comparison(
+        players={task: players(config, task) for task in names(config.tasks)},
+        methods=tuple(Method.parse(name).name for name in names(config.methods)),
+        output=config.output,
+        conditions=names(config.conditions),
+        seeds=range(config.seed, config.seed + (config.episodes or episodes)),
+        batch_size=config.batch_size,
+        label=label(config),
+        cameras=not config.operator,
+        videos=videos if config.videos < 0 else config.videos,
+        rerun=config.rerun,
     )
-    if options.output is None:
-        name = f"{options.task}-{identity_digest(comparison.identity())}"
-        comparison = dataclasses.replace(comparison, output=Path("outputs/compare") / name)
-    return comparison
 
 
-def commander(options: argparse.Namespace) -> Any:
-    """Return who commands the interfaces: our policies, any policy of LeRobot, or the scripted operator.
-
-    Raises:
-        DexFlexError: If more than one is asked for.
-    """
-    from lerobot_dexflex.evaluation.command_errors import CommandErrors
-    from lerobot_dexflex.evaluation.operators import Operators
+def players(config: Config, task: str) -> Any:
+    """Return who acts on a task: our policies, any policy of LeRobot, or the scripted operator."""
     from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies
+    from lerobot_dexflex.evaluation.teleoperators import Teleoperators
 
-    errors = CommandErrors(options.command_noise, options.command_removal)
-    ours = any((options.joint_policy, options.draft_policy, options.policy))
-    if ours + (options.backbone is not None) + options.operator > 1:
-        raise DexFlexError(
-            "Give one of --operator, --backbone, which serves all interfaces, or --joint-policy, "
-            "--draft-policy and --policy."
-        )
-    if options.operator:
-        return Operators(options.task, options.controller, errors)
-    if options.backbone is not None:
-        return AdaptedPolicies(options.backbone, options.device, options.controller, errors)
+    if config.operator:
+        return Teleoperators(task, config.controller)
+    if config.backbone is not None:
+        return AdaptedPolicies(config.backbone, config.device, config.controller)
     return LeRobotPolicies(
-        joint=options.joint_policy or shipped(options.task, "joint"),
-        draft=options.draft_policy or shipped(options.task, "draft"),
-        device=options.device,
-        controller=options.controller,
-        errors=errors,
-        own=own_policies(options.policy),
+        joint=config.joint_policy or shipped(task, "joint"),
+        draft=config.draft_policy or shipped(task, "draft"),
+        device=config.device,
+        controller=config.controller,
+        own=own_policies(names(config.policies)),
     )
 
 
-def own_policies(words: list[str]) -> tuple[tuple[str, Path], ...]:
-    """Parse `INTERFACE=FOLDER`.
+def label(config: Config) -> str:
+    """Return what goes before the methods' names."""
+    if config.label or not (config.operator or config.backbone):
+        return config.label
+    if config.operator:
+        return "operator"
+    from lerobot_dexflex.evaluation.checkpoints import policy_type
+
+    assert config.backbone is not None
+    return policy_type(config.backbone)
+
+
+def own_policies(words: Sequence[str]) -> tuple[tuple[str, Path], ...]:
+    """Parse `METHOD=FOLDER`.
 
     Raises:
-        DexFlexError: If a word looks different, names no interface, or one a second time.
+        DexFlexError: If a word looks different, names no method, or one a second time.
     """
-    from lerobot_dexflex.interfaces import Method
+    from lerobot_dexflex.interfaces.method import Method
 
     found: dict[str, Path] = {}
     for word in words:
-        name, equals, folder = word.partition("=")
-        if not (equals and folder):
-            raise DexFlexError(f"`--policy` must look like dexflex=<folder pretrained_model>. Got {word!r}.")
-        Method.parse(name)
-        if name in found:
-            raise DexFlexError(f"`--policy` is given twice for {name}: {found[name]} and {folder}.")
-        found[name] = Path(folder)
+        name, equals, folder = word.rpartition("=")
+        if not (equals and name and folder):
+            raise DexFlexError(f"`policies` must look like dexflex=<folder>,raw=<folder>. Got {word!r}.")
+        if Method.parse(name).name in found:
+            raise DexFlexError(f"`policies` holds {name} twice.")
+        found[Method.parse(name).name] = Path(folder)
     return tuple(found.items())
 
 
@@ -184,23 +188,17 @@ def shipped(task: str, space: str) -> Path:
     return _ROOT / _CHECKPOINTS / f"{words}_{space}"
 
 
-def run(comparison: Any, workers: int) -> tuple[dict[str, Any], Path]:
-    """Run the comparison and write its report; returns the result and the report's path."""
-    from lerobot_dexflex.evaluation.comparison import compare
-    from lerobot_dexflex.evaluation.report.page import write_report
-
-    count = comparison.episodes * len(comparison.interfaces)
-    print(f"{count} episodes ({', '.join(comparison.interfaces)}) into {comparison.output}", flush=True)
-    result, outcomes = compare(comparison, workers)
-    return result, write_report(result, outcomes, comparison.output, comparison.videos)
-
-
-def next_command(arguments: list[str]) -> str:
+def next_command(words: list[str]) -> str:
     """Return the command that extends the demo to the full comparison, re-using its episodes."""
     python = Path(sys.executable)
     local = python.relative_to(Path.cwd()) if python.is_relative_to(Path.cwd()) else python
-    kept = [word for word in arguments if word != "--demo"]
-    return shlex.join([str(local), "eval/compare_interfaces.py", *kept, "--episodes", "100"])
+    kept = [word for word in words if word != "--demo=true"]
+    return shlex.join([str(local), "eval/compare_interfaces.py", *kept, f"--episodes={EPISODES}"])
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Return the words of a comma-separated list."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 if __name__ == "__main__":

@@ -1,45 +1,56 @@
 """Measure the scripted expert's success rate on unseen initial states.
 
-python eval/expert_success.py --task PlaceHammer-v0 --episodes 200 --seed 200000
+python eval/expert_success.py --task=PlaceHammer-v0 --episodes=200 --seed=200000
 """
 
-import argparse
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
+from lerobot_dexflex import console
 from lerobot_dexflex.errors import DexFlexError
+
+
+@dataclass
+class Config:
+    """Let a task's scripted expert attempt initial states that no demonstration started from."""
+
+    task: str = "PlaceHammer-v0"
+    """A task with an expert."""
+    episodes: int = 200
+    """Initial states."""
+    seed: int = 200_000
+    """Environment seed of the first."""
+    workers: int = 2
+    """Worker processes; 0 runs in this one."""
+    output: Path = Path("outputs/compare")
+    """Folder of the rows, as method `expert`; `eval/results` publishes them."""
+
+    def __post_init__(self) -> None:
+        if self.workers < 0:
+            raise DexFlexError(f"`workers` must not be negative. Got {self.workers}.")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    command = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    command.add_argument("--task", default="PlaceHammer-v0", help="task with an expert")
-    command.add_argument("--episodes", type=int, default=200, help="initial states; default 200")
-    command.add_argument(
-        "--seed", type=int, default=200_000, help="environment seed of the first; default 200000"
-    )
-    command.add_argument("--workers", type=int, default=2, help="worker processes; default 2")
-    command.add_argument("--output", type=Path, help="JSON file; default outputs/expert_<task>.json")
-    options = command.parse_args(arguments)
-    # Options and help answer at once; the simulator takes seconds to import.
-    from lerobot_dexflex.recording.expert_rate import expert_rate
+    return console.run(Config, _work, arguments)
 
-    output = options.output or Path(f"outputs/expert_{options.task}.json")
-    try:
-        rate = expert_rate(options.task, options.episodes, options.seed, options.workers, output)
-    except DexFlexError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"\nStopped. Finished attempts are in {output}; the same command continues.", file=sys.stderr)
-        return 130
+
+def _work(config: Config, words: list[str]) -> int:
+    del words
+    # Options and help answer at once; the simulator takes seconds to import.
+    from lerobot_dexflex.evaluation.comparison import TABLE
+    from lerobot_dexflex.recording.expert_rate import expert_rate
+    from lerobot_dexflex.runs.statistics import success_rate
+
+    table = config.output / TABLE
+    rows = expert_rate(config.task, config.episodes, config.seed, config.workers, table)
+    rate = success_rate(rows["success"].astype(bool).tolist())
     low, high = rate.pc_success_ci95
     print(
-        f"Expert of {options.task}: {rate.n_success}/{rate.n_episodes} "
-        f"({rate.pc_success:.1f} %, Wilson 95 % {low:.1f}-{high:.1f} %); outcomes in {output}"
+        f"Expert of {config.task}: {rate.n_success}/{rate.n_episodes} "
+        f"({rate.pc_success:.1f} %, Wilson 95 % {low:.1f}-{high:.1f} %); rows in {table}"
     )
     return 0
 

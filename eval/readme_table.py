@@ -1,52 +1,116 @@
-"""Fill the result tables of docs/results.md and the checkpoints' cards from the committed results.
+"""Print tables of the published results, or fill those of the documents from them.
 
 python eval/readme_table.py
+python eval/readme_table.py --conditions=clean,jitter_4mm --methods=joint,raw,dexflex
 
-`<!-- results:NAME -->` ... `<!-- /results -->` is filled from `eval/results/NAME.json`, which is the
-`comparison.json` of a run of `eval/compare_interfaces.py`, the output of `eval/across_tasks.py`, or the
-`degraded_commands.json` of `eval/degraded_commands.py`.
+Without arguments, every `<!-- results:NAME -->` ... `<!-- /results -->` of the documents is filled with the
+view of that NAME, from the rows of `eval/results/tasks.csv`.
 """
 
-import json
 import re
+import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+
+from lerobot_dexflex import console
+from lerobot_dexflex.errors import DexFlexError
 
 ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "eval/results"
+TASKS = "PourCup-v0,PlaceHammer-v0,AssembleTable-v0"
+FIVE = "joint,raw,filter,dexgen,dexflex"
 _BLOCK = re.compile(r"<!-- results:(?P<name>\w+) -->\n.*?<!-- /results -->", re.DOTALL)
-_HEADER = "| interface | success | 95 % interval (Wilson) | time to success |\n|---|---|---|---|"
+
+
+@dataclass
+class View:
+    """Tables of published episodes: success by method, a column per task or condition."""
+
+    methods: str = FIVE
+    """Names in the table, separated by commas, such as `raw,act/raw`."""
+    conditions: str = "clean"
+    """Names, separated by commas: a table each, or a column each with `by=condition`."""
+    tasks: str = TASKS
+    """Names, separated by commas."""
+    by: str = "task"
+    """What stands side by side: `task`, or `condition`, then with the episodes of all tasks together."""
+    results: Path = RESULTS
+    """Folder of `tasks.csv` and `runs.csv`."""
+
+    def __post_init__(self) -> None:
+        if self.by not in ("task", "condition"):
+            raise DexFlexError(f"`by` must be `task` or `condition`. Got {self.by!r}.")
+
+
+def _labelled(label: str) -> str:
+    return ",".join(f"{label}/{name}" for name in FIVE.split(","))
+
+
+VIEWS = {
+    "tasks": View(),
+    "tasks_removal": View(
+        "joint,raw,filter,shrink,dexgen@0.6,dexgen@0.4,dexflex-notouch,dexflex", "removal_2mm"
+    ),
+    "tasks_noise": View("joint,raw,filter,shrink,dexgen,dexgen@0.4,dexflex", "jitter_4mm"),
+    "disturbed": View(conditions="slippery,pushed,heavy,late_touch", by="condition"),
+    "pour_cup": View(tasks="PourCup-v0"),
+    "place_hammer": View(tasks="PlaceHammer-v0"),
+    "assemble_table": View(tasks="AssembleTable-v0"),
+    "pour_cup_act": View(_labelled("act"), tasks="PourCup-v0"),
+    "place_hammer_glove": View(_labelled("glove"), tasks="PlaceHammer-v0"),
+    "replay": View("replay/joint,replay/raw,replay/filter"),
+    "replay_jitter_2mm": View("replay/raw,replay/filter", "jitter_2mm"),
+    "replay_jitter_4mm": View("replay/raw,replay/filter", "jitter_4mm", "PlaceHammer-v0"),
+    "expert": View("expert"),
+}
+"""What a document may show, by name."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    return console.run(View, _work, arguments)
+
+
+def _work(view: View, words: list[str]) -> int:
+    if words:
+        print(markdown(view))
+        return 0
+    for document in documents():
+        document.write_text(filled(document.read_text(), up=up(document)))
+    return 0
 
 
 def names(text: str) -> list[str]:
-    """Return the names of the results that a document shows."""
+    """Return the names of the views that a document shows."""
     return [block["name"] for block in _BLOCK.finditer(text)]
 
 
 def documents() -> list[Path]:
     """Return the documents that show results."""
-    return [
-        ROOT / "docs/results.md",
-        *sorted((ROOT / "policies/checkpoints").glob("*_*/README.md")),
-    ]
+    folders = (ROOT, ROOT / "docs", ROOT / "eval", *sorted((ROOT / "policies/checkpoints").glob("*_*")))
+    found = [path for folder in folders for path in sorted(folder.glob("*.md"))]
+    return [path for path in found if names(path.read_text())]
 
 
-def filled(text: str, results: Path, up: str = "") -> str:
+def filled(text: str, results: Path = RESULTS, up: str = "") -> str:
     """Return a document with its result tables made anew.
 
     Args:
         text: Markdown with result blocks.
-        results: Folder of the result files.
+        results: Folder of `tasks.csv`.
         up: Way from the document to the repository's root, such as `../../`.
 
     Raises:
-        FileNotFoundError: If a block names a result that is not in the folder.
+        DexFlexError: If a block names no view, or a view has no episodes.
     """
 
     def block(match: re.Match[str]) -> str:
         name = match["name"]
-        result = json.loads((results / f"{name}.json").read_text())
-        content = _content(result, f"{up}eval/results/{name}.json")
-        return f"<!-- results:{name} -->\n{content}\n<!-- /results -->"
+        if name not in VIEWS:
+            raise DexFlexError(f"There is no view {name!r} of the results. Valid: {', '.join(VIEWS)}.")
+        source = f"{up}eval/results/tasks.csv"
+        content = markdown(replace(VIEWS[name], results=results))
+        return f"<!-- results:{name} -->\n{content} Every episode: [{source}]({source}).\n<!-- /results -->"
 
     return _BLOCK.sub(block, text)
 
@@ -56,63 +120,30 @@ def up(document: Path) -> str:
     return "../" * (len(document.relative_to(ROOT).parts) - 1)
 
 
-def _content(result: dict[str, Any], source: str) -> str:
-    if "cells" in result:
-        return degraded_table(result, source)
-    if "columns" in result:
-        from lerobot_dexflex.evaluation.report.table import across_markdown
+def markdown(view: View) -> str:
+    """Return the tables of a view.
 
-        return f"{across_markdown(result)} [{source}]({source})."
-    return table(result, source)
-
-
-def table(result: dict[str, Any], source: str) -> str:
-    """Return rates, intervals and paired tests of a comparison as Markdown.
-
-    Args:
-        result: Content of a `comparison.json`.
-        source: Path of that file from the repository's root.
+    Raises:
+        DexFlexError: If it has no episodes.
     """
-    from lerobot_dexflex.evaluation.report.table import paired_sentence
+    from lerobot_dexflex.evaluation.report.table import detail_markdown, rates_markdown
+    from lerobot_dexflex.evaluation.summary import grown, newest, summarise
+    from lerobot_dexflex.runs.table import RUNS, read
 
-    rows = [_row(name, numbers) for name, numbers in result["per_interface"].items()]
-    first, last = result["seeds"]
-    tests = paired_sentence(result["pairwise"])
-    paired = f" Exact McNemar tests (Holm): {tests}." if tests else ""
-    return (
-        "\n".join([_HEADER, *rows])
-        + f"\n\nn = {result['n_episodes']} paired episodes per interface on held-out initial states "
-        + f"(seeds {first} to {last}).{paired} Every episode: [{source}]({source})."
-    )
-
-
-def degraded_table(result: dict[str, Any], source: str) -> str:
-    """Return the task progress of every method and the reference's paired tests on the family average.
-
-    Args:
-        result: Content of a `degraded_commands.json`.
-        source: Path of that file from the repository's root.
-    """
-    from lerobot_dexflex.evaluation.reach import tables
-
-    progress = tables.as_markdown(tables.metric_header(result), tables.metric_rows(result, "progress"))
-    tests = [
-        f"`{t['method']}` {t['gain']['mean']:+.2f} (p = {t['p_value_holm']:.2g})"
-        for t in result["tests"]
-        if t["cell"] == "families"
-    ]
-    gains = f" Gain of `{result['reference']}` in the family average, Wilcoxon and Holm: {', '.join(tests)}."
-    return f"{progress}\n\nMean progress with bootstrap 95 % intervals.{gains} [{source}]({source})."
-
-
-def _row(name: str, numbers: dict[str, Any]) -> str:
-    low, high = numbers["pc_success_ci95"]
-    duration = numbers["completion_time"]
-    time = f"{duration['mean']:.1f} s" if duration else "-"
-    count = f"{numbers['n_success']}/{numbers['n_episodes']}"
-    return f"| `{name}` | {numbers['pc_success']:.0f} % ({count}) | {low:.0f} to {high:.0f} % | {time} |"
+    rows = newest(read(view.results / "tasks.csv"))
+    grew = grown(read(view.results / RUNS))
+    methods, conditions, tasks = (part.split(",") for part in (view.methods, view.conditions, view.tasks))
+    rows = rows[rows["task"].isin(tasks) & rows["condition"].isin(conditions)]
+    if view.by == "condition":
+        return rates_markdown(summarise(rows, methods, "condition", conditions, grew))
+    parts = []
+    for condition in conditions:
+        here = rows[rows["condition"] == condition]
+        summary = summarise(here, methods, "task", tasks, grew)
+        text = rates_markdown(summary) if len(tasks) > 1 else detail_markdown(summary)
+        parts.append(f"**{condition}**\n\n{text}" if len(conditions) > 1 else text)
+    return "\n\n".join(parts)
 
 
 if __name__ == "__main__":
-    for document in documents():
-        document.write_text(filled(document.read_text(), ROOT / "eval/results", up(document)))
+    sys.exit(main())

@@ -1,74 +1,72 @@
-"""Replay a recorded dataset through an interface, from the same initial states, beside the expert's rate.
+"""Replay a recorded dataset through interfaces, from the same initial states, beside the expert's rate.
 
-python eval/replay_dataset.py --root datasets/place_hammer --interfaces raw
+python eval/replay_dataset.py --root=datasets/place_hammer --methods=raw,filter --conditions=clean,jitter_2mm
 """
 
-import argparse
-import dataclasses
 import os
-import shlex
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from lerobot_dexflex import console
 from lerobot_dexflex.errors import DexFlexError
+
+
+@dataclass
+class Config:
+    """Execute a dataset's actions again through interfaces: do its labels solve its task?"""
+
+    root: Path = Path("datasets/place_hammer")
+    """Folder of a dataset that `dexflex-record` wrote."""
+    methods: str = "raw"
+    """Names of methods, separated by commas."""
+    conditions: str = "clean"
+    """What goes wrong, separated by commas, such as `clean,jitter_4mm`."""
+    workers: int = 2
+    """Worker processes; 0 runs in this one."""
+    output: Path = Path("outputs/compare")
+    """Folder of the rows, as `replay/<method>`; `eval/results` publishes them."""
+
+    def __post_init__(self) -> None:
+        if self.workers < 0:
+            raise DexFlexError(f"`workers` must not be negative. Got {self.workers}.")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    command = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    return console.run(Config, _work, arguments)
+
+
+def _work(config: Config, words: list[str]) -> int:
+    del words
+    from lerobot_dexflex.evaluation.comparison import Comparison, compare
+    from lerobot_dexflex.evaluation.replay import Replays, load_demonstrations
+    from lerobot_dexflex.evaluation.report.table import as_markdown, rate_header, rate_rows
+    from lerobot_dexflex.evaluation.summary import summarise
+
+    demonstrations = load_demonstrations(config.root)
+    conditions = _names(config.conditions)
+    comparison = Comparison(
+        players={demonstrations.task: Replays(config.root)},
+        methods=_names(config.methods),
+        output=config.output,
+        conditions=conditions,
+        seeds=demonstrations.seeds,
+        label="replay",
+        cameras=False,
     )
-    command.add_argument(
-        "--root", type=Path, default=Path("datasets/place_hammer"), help="folder of the dataset"
-    )
-    command.add_argument("--interfaces", nargs="+", default=["raw"], help="names of interfaces; default raw")
-    command.add_argument(
-        "--errors",
-        default="clean",
-        help="what goes wrong with the commands, e.g. jitter_2mm; default clean",
-    )
-    command.add_argument("--workers", type=int, default=2, help="worker processes; default 2")
-    command.add_argument("--output", type=Path, help="also write all outcomes to this JSON file")
-    options = command.parse_args(arguments)
-    try:
-        run(options)
-    except DexFlexError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    rows = compare(comparison, config.workers)
+    methods = [comparison.named(method) for method in comparison.methods]
+    summary = summarise(rows, methods, "condition", conditions)
+    successes, attempts = demonstrations.expert
+    print(f"\n{as_markdown(rate_header(summary), rate_rows(summary))}")
+    print(f"\nThe expert succeeded in {successes} of {attempts} attempts; its successes were replayed.")
+    print(f"Rows: {comparison.table}")
     return 0
 
 
-def run(options: argparse.Namespace) -> None:
-    """Replay, print the rates, and write the result file."""
-    from lerobot_dexflex.commands.families import CommandErrors
-    from lerobot_dexflex.evaluation.replay import load_demonstrations, replay
-    from lerobot_dexflex.evaluation.store import write_json
-    from lerobot_dexflex.interfaces import make_interface
-    from lerobot_dexflex.runs.provenance import commit
-    from lerobot_dexflex.runs.statistics import success_rate
-
-    errors = CommandErrors.parse(options.errors)
-    for name in options.interfaces:
-        make_interface(name)
-    demonstrations = load_demonstrations(options.root)
-    successes, attempts = demonstrations.expert
-    expert = success_rate([True] * successes + [False] * (attempts - successes))
-    rates = {"expert, all attempts": expert}
-    episodes: dict[str, list[dict[str, Any]]] = {}
-    for name in options.interfaces:
-        outcomes = replay(demonstrations, name, options.workers, errors=errors)
-        rates[f"{name}, replayed from its successes"] = success_rate([o.success for o in outcomes])
-        episodes[name] = [dataclasses.asdict(o) for o in outcomes]
-    for name, rate in rates.items():
-        low, high = rate.pc_success_ci95
-        interval = f"{rate.pc_success:.0f} %, Wilson {low:.0f}-{high:.0f} %"
-        print(f"{name}: {rate.n_success}/{rate.n_episodes} ({interval})")
-    if options.output:
-        origin = {"command": shlex.join(["python", *sys.argv]), "commit": commit()}
-        summary = {name: rate._asdict() for name, rate in rates.items()}
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        write_json(options.output, {**origin, "rates": summary, "episodes": episodes})
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 if __name__ == "__main__":

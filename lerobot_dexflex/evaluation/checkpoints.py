@@ -30,7 +30,7 @@ def check_checkpoint(folder: Path, space: CommandSpace) -> None:
     """
     interface = {"joint": "joint", "draft": "raw"}[space]
     remedy = (
-        f"Give --{space}-policy=<run>/checkpoints/last/pretrained_model, or train one: lerobot-train "
+        f"Give --{space}_policy=<run>/checkpoints/last/pretrained_model, or train one: lerobot-train "
         f"--policy.type=dexflex_flow --policy.interface={interface} --policy.push_to_hub=false "
         "--dataset.repo_id=lerobot-dexflex/place_hammer --dataset.root=datasets/place_hammer "
         f"--output_dir=outputs/train/{space}"
@@ -61,7 +61,17 @@ def check_backbone(folder: Path) -> None:
 
 def policy_modules(folder: Path) -> tuple[str, ...]:
     """Return the plugin's modules that run a checkpoint of ours."""
-    return _modules(str(_config(folder).get("type")))
+    return _modules(policy_type(folder))
+
+
+def policy_type(folder: Path) -> str:
+    """Return LeRobot's name for the kind of a checkpoint's policy, such as `act`.
+
+    Raises:
+        DexFlexError: If the folder is no checkpoint.
+    """
+    check_backbone(folder)
+    return str(_config(folder).get("type"))
 
 
 def adapter_modules() -> tuple[str, ...]:

@@ -1,15 +1,17 @@
-"""What is kept of an episode, and its one-line form on disk."""
+"""What is kept of an episode: the columns of its row."""
 
-import json
-from collections.abc import Hashable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_dexflex.runs.table import Row
+
 _EPSILON = 1e-6
 """Regularises the relative size of an intervention where the draft stands still [m]."""
+COLUMNS = ("success", "steps", "seconds", "progress", "progress_final", "drops", "holding", "intervention")
+"""What an episode leaves in the table; see `Outcome`."""
 
 
 class Motion(NamedTuple):
@@ -62,18 +64,16 @@ class Outcome:
 
     interface: str
     episode: int
-    """Index in the comparison; the same index is the same initial state under every interface."""
-    seed: int
-    group: tuple[int, int]
-    """First and one past the last episode that ran in the same batch."""
+    """Its seed."""
     success: bool
     steps: int
-    completion_time: float | None
-    """Time to success [s]; None without success."""
-    progress_max: float
+    """Control steps until it ended."""
+    seconds: float
+    """Simulated time of these steps [s]."""
+    progress: float
+    """The largest of the episode, in [0, 1]."""
     progress_final: float
-    progress: tuple[tuple[int, float], ...]
-    """(step, progress) at the start and wherever progress changed."""
+    """The last one."""
     drops: int | None
     """How often the object was dropped; None if the task does not report it."""
     holding: float | None
@@ -81,41 +81,26 @@ class Outcome:
     intervention: float | None
     """Mean relative size of the interface's changes to the draft; None where there is no draft."""
 
-    def line(self) -> str:
-        """Return the outcome as one line of JSON."""
-        return json.dumps(asdict(self)) + "\n"
-
-    @classmethod
-    def parse(cls, line: str) -> "Outcome":
-        """Inverse of `line`.
-
-        Raises:
-            ValueError: If the line is torn or of another form.
-        """
-        fields: dict[str, Any] = json.loads(line)
-        try:
-            fields["group"] = tuple(fields["group"])
-            fields["progress"] = tuple((step, value) for step, value in fields["progress"])
-            return cls(**fields)
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"Not an outcome: {line[:80]!r}") from error
-
-    @property
-    def job(self) -> Hashable:
-        """What was run together with this episode."""
-        return self.interface, self.group
-
     @property
     def ending(self) -> str:
-        """How the episode ended: `success`, `dropped` or `time out`."""
-        if self.success:
-            return "success"
-        return "dropped" if self.drops else "time out"
+        """How the episode ended; see `ending_of`."""
+        return ending_of(self.success, self.drops)
 
-    def progress_at(self, steps: Sequence[int] | NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the progress at control steps; the last value holds after the end. Shape (len(steps),)."""
-        at, values = np.array([point[0] for point in self.progress]), [point[1] for point in self.progress]
-        return np.asarray(values)[np.searchsorted(at, steps, side="right") - 1]
+    def row(self) -> Row:
+        """Return its values by column."""
+        return {name: getattr(self, name) for name in COLUMNS}
+
+
+def ending_of(success: bool, drops: float | None) -> str:
+    """Return how an episode ended: `success`, `dropped` or `time out`.
+
+    Args:
+        success: Whether it succeeded.
+        drops: Number of drops; None or NaN if unknown.
+    """
+    if success:
+        return "success"
+    return "dropped" if drops is not None and drops > 0 else "time out"
 
 
 class Recorder:
@@ -130,7 +115,7 @@ class Recorder:
         self.success = bool(info["is_success"])
         self.steps = 0
         self._period = period
-        self._progress = [(0, _rounded(info["progress"]))]
+        self._progress = [float(info["progress"])]
         self._drops = 0 if "dropped" in info else None
         self._was_dropped = bool(info.get("dropped", False))
         self._held = 0 if "holding" in info else None
@@ -140,9 +125,7 @@ class Recorder:
         """Add a control step."""
         self.steps += 1
         self.success |= bool(info["is_success"])
-        value = _rounded(info["progress"])
-        if value != self._progress[-1][1]:
-            self._progress.append((self.steps, value))
+        self._progress.append(float(info["progress"]))
         if self._drops is not None:
             self._drops += bool(info["dropped"]) and not self._was_dropped
             self._was_dropped = bool(info["dropped"])
@@ -151,25 +134,17 @@ class Recorder:
         if motion is not None:
             self._magnitudes.append(motion.magnitude())
 
-    def outcome(self, interface: str, episode: int, seed: int, group: tuple[int, int]) -> Outcome:
-        """Return the result of the finished episode."""
-        values = [value for _, value in self._progress]
+    def outcome(self, interface: str, episode: int) -> Outcome:
+        """Return the result of the finished episode, rounded to what is worth keeping."""
         return Outcome(
             interface=interface,
             episode=episode,
-            seed=seed,
-            group=group,
             success=self.success,
             steps=self.steps,
-            completion_time=round(self.steps * self._period, 6) if self.success else None,
-            progress_max=max(values),
-            progress_final=values[-1],
-            progress=tuple(self._progress),
+            seconds=round(self.steps * self._period, 4),
+            progress=round(max(self._progress), 4),
+            progress_final=round(self._progress[-1], 4),
             drops=self._drops,
-            holding=None if self._held is None else round(self._held / max(self.steps, 1), 6),
-            intervention=round(float(np.mean(self._magnitudes)), 6) if self._magnitudes else None,
+            holding=None if self._held is None else round(self._held / max(self.steps, 1), 4),
+            intervention=round(float(np.mean(self._magnitudes)), 4) if self._magnitudes else None,
         )
-
-
-def _rounded(progress: float) -> float:
-    return round(float(progress), 4)

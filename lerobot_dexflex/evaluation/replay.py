@@ -7,27 +7,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pyarrow.parquet as pq
 import torch
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from lerobot_dexflex.commands.disturbed import DisturbedInterface
 from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
-from lerobot_dexflex.envs.registration import NAMESPACE
+from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.outcome import Motion, Outcome
-from lerobot_dexflex.evaluation.rollout import run_group
+from lerobot_dexflex.evaluation import rollout
+from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.hand.model import JOINTS
-from lerobot_dexflex.interfaces.method import make_interface
+from lerobot_dexflex.interfaces.method import Method, make_interface
 from lerobot_dexflex.recording.schema import FPS, columns
 from lerobot_dexflex.recording.staging import RECORD_FILE
-from lerobot_dexflex.runs.workers import run_each
+from lerobot_dexflex.runs.provenance import Version, method_version
 
 _ARM = 7
+_PARQUET = "data/*/*.parquet"
 
 
 @dataclass(frozen=True)
@@ -61,9 +60,8 @@ def load_demonstrations(root: Path) -> Demonstrations:
             f"{root} holds another robot or rate: robot_type {info.get('robot_type')!r}, {info['fps']} fps. "
             f"Replay needs leap_xarm7 at {FPS} fps, with joint targets and commanded fingertips as action."
         )
-    tables = [
-        pq.read_table(f, columns=["episode_index", "action"]) for f in sorted(root.glob("data/*/*.parquet"))
-    ]
+    files = sorted(root.glob(_PARQUET))
+    tables = [pq.read_table(file, columns=["episode_index", "action"]) for file in files]
     index = np.concatenate([table["episode_index"].to_numpy() for table in tables])
     values = np.concatenate([np.stack(table["action"].to_numpy()) for table in tables])
     seeds = tuple(record["episode_seeds"])
@@ -119,44 +117,63 @@ class ReplayController:
         return torch.cat([joints[:1, :_ARM], hand], dim=1).numpy()
 
 
-def replay(
-    demonstrations: Demonstrations,
-    interface: str,
-    workers: int = 2,
-    quiet: bool = False,
-    errors: CommandErrors = NO_ERRORS,
-) -> list[Outcome]:
-    """Replay every episode from its own initial state.
+@dataclass(frozen=True)
+class Replays:
+    """A dataset's actions as players: of each seed, what was recorded from it."""
+
+    root: Path
+    """Folder of the dataset."""
+
+    def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "Replayer":
+        """Replay through a method, with errors of the commands."""
+        return Replayer(_demonstrations(self.root), method, errors)
+
+    def check(self, methods: Sequence[str]) -> None:
+        """Refuse what cannot run, before anything does.
+
+        Raises:
+            DexFlexError: If the folder is no dataset, or a method or its controller does not exist.
+        """
+        _demonstrations(self.root)
+        for name in methods:
+            Method.parse(name).weights()
+
+    def version(self, method: str, task: str, **settings: Any) -> Version:
+        """Return what decides a method's episodes; the recorded actions count as weights."""
+        parsed = Method.parse(method)
+        modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *parsed.modules)
+        recorded = (self.root / RECORD_FILE, *sorted(self.root.glob(_PARQUET)))
+        return method_version(modules, (*recorded, *parsed.weights()), method=parsed.name, **settings)
+
+
+class Replayer:
+    """Replays, one at a time, the episode that was recorded from a seed. Satisfies `Controller`.
 
     Args:
-        demonstrations: What to replay.
-        interface: Name of the interface.
-        workers: Worker processes; 0 replays in this process.
-        quiet: Show no progress bar.
-        errors: What goes wrong with the commands.
+        demonstrations: What was recorded.
+        method: See `ReplayController`.
+        errors: See `ReplayController`.
     """
-    numbers = iter(range(len(demonstrations.seeds)))
-    job = functools.partial(_replay_one, str(demonstrations.root), interface, errors)
-    outcomes = []
-    with tqdm(total=len(demonstrations.seeds), unit="episode", desc=interface, disable=quiet) as bar:
-        for outcome in run_each(job, lambda running: next(numbers, None), workers):
-            outcomes.append(outcome)
-            bar.set_postfix_str(f"{sum(o.success for o in outcomes)}/{len(outcomes)}")
-            bar.update()
-    return sorted(outcomes, key=lambda o: o.episode)
+
+    def __init__(self, demonstrations: Demonstrations, method: str, errors: CommandErrors) -> None:
+        self._actions = dict(zip(demonstrations.seeds, demonstrations.actions, strict=True))
+        self._method, self._errors = method, errors
+
+    @property
+    def motion(self) -> Motion | None:
+        """See `Controller.motion`."""
+        return self._playing.motion
+
+    def reset(self, seeds: Sequence[int]) -> None:
+        """Start the episode of a seed."""
+        self._playing = ReplayController(self._actions[seeds[0]], self._method, self._errors)
+        self._playing.reset(seeds)
+
+    def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
+        """Return the next joint targets [rad]. Shape (1, 23)."""
+        return self._playing.act(observation, task)
 
 
 @functools.cache
-def _loaded(root: str) -> tuple[Demonstrations, gymnasium.Env]:
-    torch.set_num_threads(1)
-    demonstrations = load_demonstrations(Path(root))
-    name = f"{NAMESPACE}/{demonstrations.task}"
-    return demonstrations, gymnasium.make(name, cameras=(), disable_env_checker=True)
-
-
-def _replay_one(root: str, interface: str, errors: CommandErrors, episode: int) -> Outcome:
-    demonstrations, env = _loaded(root)
-    controller = ReplayController(demonstrations.actions[episode], interface, errors)
-    seed = demonstrations.seeds[episode]
-    [recorder] = run_group([env], controller, [seed])
-    return recorder.outcome(interface, episode, seed, (episode, episode + 1))
+def _demonstrations(root: Path) -> Demonstrations:
+    return load_demonstrations(root)

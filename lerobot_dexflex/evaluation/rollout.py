@@ -1,14 +1,19 @@
-"""Run a batch of episodes in lock-step."""
+"""Run a batch of episodes in lock-step: who acts, in which environments, under which condition."""
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.outcome import Motion, Recorder
+from lerobot_dexflex.evaluation.conditions import Condition
+from lerobot_dexflex.evaluation.outcome import Ended, Motion, Recorder
+from lerobot_dexflex.runs.provenance import Version
 
 
 class Controller(Protocol):
@@ -28,8 +33,28 @@ class Controller(Protocol):
         ...
 
 
+class Players(Hashable, Protocol):
+    """Makes the controllers of methods, on one task, in worker processes; picklable."""
+
+    def __call__(self, method: str, errors: CommandErrors) -> Controller:
+        """Load the controller of a method, whose commands go wrong by `errors`."""
+        ...
+
+    def version(self, method: str, task: str, **settings: Any) -> Version:
+        """Return what decides the episodes of a method; `settings` are what else does."""
+        ...
+
+    def check(self, methods: Sequence[str]) -> None:
+        """Refuse what cannot be run.
+
+        Raises:
+            DexFlexError: If a method, a checkpoint or a controller is missing or does not fit.
+        """
+        ...
+
+
 @runtime_checkable
-class Privileged(Protocol):
+class Onlooker(Protocol):
     """A controller that looks into the simulator: operators, never policies."""
 
     def see(self, environments: Sequence[gymnasium.Env]) -> None:
@@ -38,13 +63,60 @@ class Privileged(Protocol):
 
 
 class Watcher(Protocol):
-    """Sees every step of one episode, to film or log it."""
+    """Sees every step of one episode and its end, to film or log it."""
 
     def watch(
         self, env: gymnasium.Env, observation: Any, info: dict[str, Any], motion: Motion | None
     ) -> None:
         """See the state after the reset or after a step."""
         ...
+
+    def close(self, outcome: Ended) -> None:
+        """Hear how it ended."""
+        ...
+
+
+def run_job(
+    players: Players,
+    method: str,
+    env_id: str,
+    condition: Condition,
+    seeds: Sequence[int],
+    watchers: Mapping[int, Sequence[Watcher]] | None = None,
+    cameras: bool = True,
+) -> list[Recorder]:
+    """Run one episode per seed in this process's environments; arguments and errors as `run_group`.
+
+    Args:
+        players: Makes the controller of `method`.
+        method: Who acts.
+        env_id: Gymnasium id of the task.
+        condition: What differs from the demonstrations.
+        seeds: One per row.
+        watchers: Watchers of some rows.
+        cameras: Whether the controller sees; without, it is faster.
+    """
+    environments = [
+        _environment(env_id, condition.disturbance, cameras or bool(watchers), row)
+        for row in range(len(seeds))
+    ]
+    return run_group(environments, _controller(players, method, condition.errors), seeds, watchers)
+
+
+@functools.cache
+def _environment(env_id: str, disturbance: str, cameras: bool, row: int) -> gymnasium.Env:
+    """Return this process's environment of a row; `reset` alone decides an episode, so it is re-used."""
+    del row
+    options: dict[str, Any] = {} if disturbance == "none" else {"disturbance": disturbance}
+    if cameras:
+        return gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True, **options)
+    return gymnasium.make(env_id, cameras=(), disable_env_checker=True, **options)
+
+
+@functools.cache
+def _controller(players: Players, method: str, errors: CommandErrors) -> Controller:
+    torch.set_num_threads(1)
+    return players(method, errors)
 
 
 def run_group(
@@ -74,7 +146,7 @@ def run_group(
     started = [environments[k].reset(seed=seeds[k]) for k in rows]
     observations = [observation for observation, _ in started]
     _check_info(environments[0], started[0][1])
-    if isinstance(controller, Privileged):
+    if isinstance(controller, Onlooker):
         controller.see(environments[: len(seeds)])
     recorders = [
         Recorder(info, 1 / environments[k].metadata["render_fps"]) for k, (_, info) in enumerate(started)

@@ -1,78 +1,192 @@
-"""From episodes to the numbers of the result file."""
+"""From rows to rates with intervals, averages over tasks, and paired tests."""
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.failures import count_failures
-from lerobot_dexflex.evaluation.outcome import Outcome
-from lerobot_dexflex.runs.statistics import holm, mean_interval, paired_test, success_rate
+from lerobot_dexflex.runs.statistics import (
+    Mean,
+    Rate,
+    holm,
+    mean_interval,
+    paired_e_value,
+    paired_test,
+    success_rate,
+)
 
-_METRICS: dict[str, Callable[[Outcome], float | None]] = {
-    "progress_max": lambda o: o.progress_max,
-    "progress_final": lambda o: o.progress_final,
-    "completion_time": lambda o: o.completion_time,
-    "steps": lambda o: o.steps,
-    "drops": lambda o: o.drops,
-    "holding": lambda o: o.holding,
-    "intervention": lambda o: o.intervention,
-}
-"""Continuous metrics per episode; None where undefined (completion time without success, ...)."""
+AVERAGE = "average"
+METRICS = ("progress", "progress_final", "completion_time", "steps", "drops", "holding", "intervention")
+"""Numbers of an episode whose means are told; `completion_time` [s] is that of the successes."""
+_EPISODE = ["task", "condition", "seed"]
+"""What the same episode has in common under every method."""
 
 
-def by_interface(outcomes: Sequence[Outcome], interfaces: Sequence[str]) -> dict[str, list[Outcome]]:
-    """Sort episodes by interface and index, and check that they are paired.
+class PairTest(NamedTuple):
+    """Exact McNemar test of two methods on the episodes that both have run."""
 
-    Raises:
-        DexFlexError: If the interfaces did not run the same episodes with the same seeds.
-    """
-    sorted_outcomes = {
-        name: sorted((o for o in outcomes if o.interface == name), key=lambda o: o.episode)
-        for name in interfaces
-    }
-    runs = {name: [(o.episode, o.seed) for o in found] for name, found in sorted_outcomes.items()}
-    if len({tuple(run) for run in runs.values()}) > 1:
-        counts = {name: len(run) for name, run in runs.items()}
-        raise DexFlexError(f"The interfaces did not run the same episodes, so nothing is paired: {counts}.")
-    return sorted_outcomes
+    first: str
+    second: str
+    n_episodes: int
+    only_first: int
+    """Episodes that only the first of the two solved."""
+    only_second: int
+    p_value: float
+    p_value_holm: float
+    """Adjusted for all pairs of the table."""
+    e_value: float | None
+    """Evidence that stays valid where n grew after a look; None where it did not. See `paired_e_value`."""
+    p_anytime_holm: float | None
+    """min(1, 1 / e_value), adjusted likewise; None where n did not grow."""
+    progress_gain: Mean
+    """Mean of second - first."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a table of methods tells."""
+
+    rows: pd.DataFrame
+    """The episodes, and nothing else."""
+    methods: tuple[str, ...]
+    columns: tuple[str, ...]
+    """Tasks, or conditions; with more than one, also their `AVERAGE`."""
+    rates: dict[tuple[str, str], Rate]
+    """By method and column; missing where there are no episodes, or no equal numbers to average over."""
+    means: dict[str, dict[str, Mean | None]]
+    """By method and metric, over all episodes."""
+    tests: tuple[PairTest, ...]
+
+    def of(self, method: str) -> pd.DataFrame:
+        """Return the episodes of a method, in the order of tasks, conditions and seeds."""
+        return self.rows[self.rows["method"] == method].sort_values(_EPISODE, kind="stable")
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Different numbers of episodes in the cells, ascending; averages left out."""
+        return tuple(sorted({r.n_episodes for (_, column), r in self.rates.items() if column != AVERAGE}))
+
+
+def newest(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return of each method, task and condition the rows of the version that was appended last."""
+    group = ["method", "task", "condition"]
+    last = rows.groupby(group, sort=False)["version"].transform("last")
+    return rows[rows["version"] == last]
+
+
+def grown(origins: pd.DataFrame) -> frozenset[str]:
+    """Return the versions of `runs.csv` whose rows come from more than one command: n may have grown."""
+    commands = origins.fillna("").groupby(["version", "method"])[["command", "commit"]]
+    counts = commands.apply(lambda runs: len(runs.drop_duplicates()))
+    return frozenset(version for (version, _), count in counts.items() if count > 1)
 
 
 def summarise(
-    outcomes: Sequence[Outcome], interfaces: Sequence[str], stages: Sequence[str] = ()
-) -> dict[str, Any]:
-    """Return the summary per interface and the paired tests, as plain values.
+    rows: pd.DataFrame,
+    methods: Sequence[str],
+    by: str = "task",
+    columns: Sequence[str] = (),
+    grew: frozenset[str] = frozenset(),
+) -> Summary:
+    """Return rates, means and tests of methods.
 
     Args:
-        outcomes: Episodes of all interfaces.
-        interfaces: Their names.
-        stages: Of the task; see `count_failures`.
+        rows: Episodes; those of other methods and columns are left out.
+        methods: In the order of the table.
+        by: What stands side by side: `task` or `condition`. The other one is pooled.
+        columns: Tasks or conditions, in order; all that there are if empty.
+        grew: Versions whose n grew after a look; see `grown`.
+
+    Raises:
+        DexFlexError: If a method has no episodes.
     """
-    found = by_interface(outcomes, interfaces)
-    pairs = list(combinations(interfaces, 2))
-    tests = [_compare(found[a], found[b]) for a, b in pairs]
-    adjusted = holm([test["p_value"] for test in tests])
-    return {
-        "per_interface": {name: _describe(found[name], stages) for name in interfaces},
-        "pairwise": [
-            {"first": a, "second": b, **test, "p_value_holm": p}
-            for (a, b), test, p in zip(pairs, tests, adjusted, strict=True)
-        ],
+    columns = tuple(columns or dict.fromkeys(rows[by]))
+    rows = rows[rows["method"].isin(methods) & rows[by].isin(columns)]
+    if missing := [name for name in methods if name not in set(rows["method"])]:
+        raise DexFlexError(f"There are no episodes of {', '.join(missing)} in {', '.join(columns)}.")
+    rates = {
+        (str(method), str(column)): success_rate(part["success"].astype(bool).tolist())
+        for (method, column), part in rows.groupby(["method", by], sort=False)
     }
+    shown = (*columns, AVERAGE) if len(columns) > 1 else columns
+    for method in methods:
+        if len(columns) > 1 and (rate := _pooled([rates.get((method, column)) for column in columns])):
+            rates[method, AVERAGE] = rate
+    means = {method: _means(rows[rows["method"] == method]) for method in methods}
+    return Summary(rows, tuple(methods), shown, rates, means, _tests(rows, methods, grew))
 
 
-def _describe(outcomes: Sequence[Outcome], stages: Sequence[str]) -> dict[str, Any]:
-    metrics = {}
-    for name, metric in _METRICS.items():
-        mean = mean_interval([value for o in outcomes if (value := metric(o)) is not None])
-        metrics[name] = None if mean is None else mean._asdict()
-    endings = [o.ending for o in outcomes]
-    counts = {ending: endings.count(ending) for ending in ("success", "dropped", "time out")}
-    failures = {"endings": counts, "failures": count_failures(outcomes, stages)}
-    return success_rate([o.success for o in outcomes])._asdict() | failures | metrics
+def _pooled(rates: Sequence[Rate | None]) -> Rate | None:
+    """Return the average of rates, over all their episodes; None if they have different numbers of them."""
+    found = [rate for rate in rates if rate is not None]
+    if len(found) < len(rates) or len({rate.n_episodes for rate in found}) > 1:
+        return None
+    successes = sum(rate.n_success for rate in found)
+    return success_rate([k < successes for k in range(sum(rate.n_episodes for rate in found))])
 
 
-def _compare(first: Sequence[Outcome], second: Sequence[Outcome]) -> dict[str, Any]:
-    test = paired_test([o.success for o in first], [o.success for o in second])
-    gain = mean_interval([b.progress_max - a.progress_max for a, b in zip(first, second, strict=True)])
-    return test._asdict() | {"progress_gain": None if gain is None else gain._asdict()}
+def _means(rows: pd.DataFrame) -> dict[str, Mean | None]:
+    values = rows.assign(completion_time=rows["seconds"].where(rows["success"].astype(bool)))
+    return {name: mean_interval(values[name].dropna().astype(float).tolist()) for name in METRICS}
+
+
+def _tests(rows: pd.DataFrame, methods: Sequence[str], grew: frozenset[str]) -> tuple[PairTest, ...]:
+    found = []
+    episodes = {name: part.set_index(_EPISODE) for name, part in rows.groupby("method")}
+    for first, second in combinations(methods, 2):
+        pair = episodes[first].join(episodes[second], how="inner", lsuffix="_first", rsuffix="_second")
+        if pair.empty:
+            continue
+        test = paired_test(pair["success_first"].astype(bool), pair["success_second"].astype(bool))
+        gain = mean_interval((pair["progress_second"] - pair["progress_first"]).tolist())
+        assert gain is not None
+        looked = not grew.isdisjoint([*pair["version_first"], *pair["version_second"]])
+        evidence = paired_e_value(test.only_first, test.only_second) if looked else None
+        found.append(PairTest(first, second, len(pair), *test, test.p_value, evidence, None, gain))
+    fixed = holm([test.p_value for test in found])
+    anytime = holm([min(1.0, 1 / (test.e_value or 1.0)) for test in found])
+    return tuple(
+        test._replace(p_value_holm=p, p_anytime_holm=None if test.e_value is None else at_any)
+        for test, p, at_any in zip(found, fixed, anytime, strict=True)
+    )
+
+
+def write_eval_info(rows: pd.DataFrame, path: Path) -> None:
+    """Write rates as LeRobot's `eval_info.json` has them: a group per method and condition, a task per task.
+
+    Args:
+        rows: Episodes.
+        path: JSON file.
+    """
+    tasks = list(dict.fromkeys(rows["task"]))
+    groups = {
+        f"{method} {condition}": part
+        for (method, condition), part in rows.groupby(["method", "condition"], sort=False)
+    }
+    info = {
+        "per_task": [
+            {"task_group": name, "task_id": tasks.index(str(task)), "task": task, "metrics": _metrics(part)}
+            for name, group in groups.items()
+            for task, part in group.groupby("task", sort=False)
+        ],
+        "per_group": {name: _rate(group) for name, group in groups.items()},
+        "overall": _rate(rows),
+    }
+    temporary = path.with_name(f".{path.name}")
+    temporary.write_text(json.dumps(info, indent=1) + "\n")
+    temporary.replace(path)
+
+
+def _metrics(rows: pd.DataFrame) -> dict[str, Any]:
+    ordered = rows.sort_values("seed")
+    successes = ordered["success"].astype(bool).tolist()
+    return {"successes": successes, "seeds": ordered["seed"].astype(int).tolist(), **_rate(rows)}
+
+
+def _rate(rows: pd.DataFrame) -> dict[str, Any]:
+    return success_rate(rows["success"].astype(bool).tolist())._asdict()

@@ -1,23 +1,22 @@
 """Measure how often the scripted expert solves its task on unseen initial states."""
 
-import contextlib
 import functools
-import json
-import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from tqdm import tqdm
+import pandas as pd
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module, make_expert
 from lerobot_dexflex.recording.attempt import Attempt, run_attempt
-from lerobot_dexflex.runs.provenance import code_digest, provenance
-from lerobot_dexflex.runs.statistics import Rate, success_rate
-from lerobot_dexflex.runs.workers import run_each
+from lerobot_dexflex.recording.schema import FPS
+from lerobot_dexflex.runs.jobs import Job, run_missing
+from lerobot_dexflex.runs.provenance import method_version
+from lerobot_dexflex.runs.table import Row
+
+METHOD, CONDITION = "expert", "clean"
+COLUMNS = ("success", "steps", "seconds", "progress_final")
 
 
 def expert_rate(
@@ -25,76 +24,46 @@ def expert_rate(
     episodes: int,
     seed: int,
     workers: int,
-    output: Path,
+    table: Path,
     run: Callable[[int], Attempt] | None = None,
-) -> Rate:
-    """Let the expert attempt `episodes` initial states without cameras; write all outcomes to `output`.
-
-    The file is written after each attempt: an interrupted measurement continues, a larger `episodes`
-    extends it.
+    quiet: bool = False,
+) -> pd.DataFrame:
+    """Let the expert attempt `episodes` initial states without cameras; returns their rows.
 
     Args:
         task: Name in `TASKS`.
         episodes: Number of initial states.
-        seed: Attempt k starts from environment seed `seed + k`.
-        workers: Worker processes; 0 runs here. The outcomes do not depend on it.
-        output: JSON file.
-        run: Runs one attempt; None runs the expert.
+        seed: Attempt k starts from environment seed `seed + k`, which also counts its row.
+        workers: Worker processes; 0 runs here. The rows do not depend on it.
+        table: CSV file that gets one row per attempt; attempts that are there do not run again.
+        run: Runs attempt k; None runs the expert.
+        quiet: Show no progress bar.
 
     Raises:
-        DexFlexError: If the task has no expert, `episodes` is not positive, or `output` holds anything but
-            an unfinished or smaller measurement of the same task, seed and code.
+        DexFlexError: If the task has no expert, `episodes` is not positive or `seed` negative, or another
+            process works in the folder.
+        KeyboardInterrupt: After the running attempts were finished and stored.
     """
     make_expert(task)
     if episodes < 1:
         raise DexFlexError(f"`episodes` must be at least 1. Got {episodes}.")
+    if seed < 0:
+        raise DexFlexError(f"`seed` must not be negative. Got {seed}.")
     modules = (run_attempt.__module__, TASKS[task].module, expert_module(task))
-    identity = {"task": task, "seed": seed, "code": code_digest(modules)}
-    done = _finished(output, identity)
-    missing = [index for index in range(episodes) if index not in done]
-    numbers = iter(missing)
-    origin = provenance("python", modules, sys.argv)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    run = run or functools.partial(run_attempt, task, seed, cameras=False)
-    with (
-        tqdm(total=len(done) + len(missing), initial=len(done), unit="episode", desc=f"Expert {task}") as bar,
-        contextlib.closing(run_each(run, lambda running: next(numbers, None), workers)) as results,
-    ):
-        for attempt in results:
-            done[attempt.index] = attempt.summary()
-            _write(output, identity, origin, done)
-            bar.update()
-            bar.set_postfix_str(f"{sum(a['success'] for a in done.values())}/{len(done)} succeeded")
-    return _rate(done)
+    version = method_version(modules, first_seed=seed)  # The expert's noise is drawn from it and k.
+    jobs = [Job(METHOD, version.name, task, CONDITION, (seed + k,)) for k in range(episodes)]
+    attempt = run or functools.partial(run_attempt, task, seed, cameras=False)
+    work = functools.partial(_run_job, attempt, seed)
+    return run_missing(table, COLUMNS, jobs, [version], work, workers, quiet)
 
 
-def _rate(done: dict[int, dict[str, Any]]) -> Rate:
-    return success_rate([attempt["success"] for attempt in done.values()])
-
-
-def _finished(output: Path, identity: dict[str, Any]) -> dict[int, dict[str, Any]]:
-    if not output.exists():
-        return {}
-    try:
-        found = json.loads(output.read_text())
-        attempts = {attempt["attempt"]: attempt for attempt in found["attempts"]}
-        stored = {key: found[key] for key in identity}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DexFlexError(
-            f"{output} exists and is no measurement of the expert. Choose another --output; nothing was "
-            "changed."
-        ) from error
-    if stored != identity:
-        raise DexFlexError(
-            f"{output} was measured with {stored}, now {identity}. Choose another --output, or delete it."
-        )
-    return attempts
-
-
-def _write(
-    output: Path, identity: dict[str, Any], origin: dict[str, Any], done: dict[int, dict[str, Any]]
-) -> None:
-    value = {**origin, **identity, **_rate(done)._asdict(), "attempts": [done[k] for k in sorted(done)]}
-    temporary = output.with_name(f".{output.name}.{os.getpid()}")
-    temporary.write_text(json.dumps(value, indent=1) + "\n")
-    temporary.replace(output)
+def _run_job(run: Callable[[int], Attempt], first: int, job: Job) -> list[Row]:
+    attempt = run(job.seeds[0] - first)
+    return [
+        {
+            "success": attempt.success,
+            "steps": attempt.steps,
+            "seconds": round(attempt.steps / FPS, 4),
+            "progress_final": round(attempt.progress, 4),
+        }
+    ]

@@ -1,7 +1,7 @@
 """Run the episodes that a table lacks, in worker processes, each job's rows stored as it finishes."""
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +34,7 @@ def run_missing(
     path: Path,
     columns: Sequence[str],
     jobs: Sequence[Job],
-    versions: Mapping[str, Version],
+    versions: Iterable[Version],
     run_job: Callable[[Job], Sequence[Row]],
     workers: int = 2,
     quiet: bool = False,
@@ -48,7 +48,7 @@ def run_missing(
         path: The table.
         columns: Columns that `run_job` fills.
         jobs: What is wanted.
-        versions: Of every method, for `runs.csv`.
+        versions: Of every job, for `runs.csv`.
         run_job: Given a job, one row per seed, in order; runs in a worker (picklable). The key columns are
             filled in here.
         workers: Worker processes; 0 works in this one. The rows do not depend on it.
@@ -64,8 +64,9 @@ def run_missing(
         found = wanted(table.load(), jobs)
         done = set(found[list(KEY)].itertuples(index=False, name=None))
         missing = [job for job in jobs if not done.issuperset(job.rows())]
-        for method in dict.fromkeys(job.method for job in missing):
-            table.remember(method, versions[method])
+        known = {version.name: version for version in versions}
+        for method, name in dict.fromkeys((job.method, job.version) for job in missing):
+            table.remember(method, known[name])
         waiting = iter(missing)
         total = sum(len(job.seeds) for job in jobs)
         left = sum(len(job.seeds) for job in missing)

@@ -1,10 +1,12 @@
-"""Intervals and paired tests, all from scipy and statsmodels."""
+"""Intervals and paired tests from scipy and statsmodels, and one test that may be looked at as it goes."""
 
+import math
 import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import betaln
 from scipy.stats import bootstrap, wilcoxon
 from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
@@ -99,6 +101,23 @@ def paired_test(first: Sequence[bool], second: Sequence[bool]) -> PairedTest:
     table = [[int((a & b).sum()), only_a], [only_b, int((~a & ~b).sum())]]
     result: Any = mcnemar(table, exact=True)
     return PairedTest(only_a, only_b, float(result.pvalue))
+
+
+def paired_e_value(only_first: int, only_second: int, prior: float = 1.0) -> float:
+    """Return the E-value of discordant pairs: evidence against "either is as likely" at any number of pairs.
+
+    Under that hypothesis `E_n = 2^n B(a + k, a + n - k) / B(a, a)` of k of n pairs is a non-negative
+    martingale of mean 1, so that by Ville's inequality it ever exceeds 1/alpha with probability alpha at
+    most: n may grow after a look. min(1, 1 / E) is a p-value, which a fixed-n test beats where n was fixed.
+
+    Args:
+        only_first: Episodes that only the first of two methods solved.
+        only_second: Episodes that only the second solved.
+        prior: a, of the Beta distribution of the chance that the first wins a discordant pair.
+    """
+    n = only_first + only_second
+    log = n * math.log(2) + betaln(prior + only_first, prior + only_second) - betaln(prior, prior)
+    return math.exp(min(float(log), 700.0))
 
 
 def rank_test(first: Sequence[float], second: Sequence[float]) -> RankTest:

@@ -51,11 +51,11 @@ class Table:
 
     def load(self) -> pd.DataFrame:
         """Return all rows, each once; a row that a kill tore off is left out."""
-        return _read(self.path).drop_duplicates(list(KEY), ignore_index=True)
+        return read(self.path)
 
     def origins(self) -> pd.DataFrame:
         """Return `runs.csv`: command, commit, digests, settings and date of every version."""
-        return _read(self.runs)
+        return read(self.runs)
 
     def remember(self, method: str, version: Version) -> None:
         """Note that this process adds rows of a version; once for every command and commit."""
@@ -75,20 +75,21 @@ class Table:
 
 def _open(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> tuple[str, ...]:
     """Make the file ready to be appended to; returns its columns."""
-    if not path.exists() or not path.stat().st_size:
-        _replace(path, ",".join(columns) + "\n")
-        return columns
-    if not path.is_file():
+    if path.exists() and not path.is_file():
         raise DexFlexError(f"{path} is no file; choose another one for the results.")
-    content = path.read_bytes()
-    if not content.endswith(b"\n"):  # A kill tore the last line off; its episode runs again.
-        _replace(path, content[: content.rfind(b"\n") + 1].decode())
-    found = tuple(path.read_text().partition("\n")[0].split(","))
+    content = path.read_bytes() if path.exists() else b""
+    header, newline, _ = content.partition(b"\n")
+    if not newline and ",".join(columns).startswith(header.decode(errors="replace")):
+        _replace(path, ",".join(columns) + "\n")  # New, or a kill tore its header off.
+        return columns
+    found = tuple(header.decode(errors="replace").split(","))
     if missing := [name for name in needed if name not in found]:
         raise DexFlexError(
             f"{path} is no table of episodes: it lacks the columns {', '.join(missing)}. Choose another "
             "folder; nothing was changed."
         )
+    if not content.endswith(b"\n"):  # A kill tore the last line off; its episode runs again.
+        _replace(path, content[: content.rfind(b"\n") + 1].decode())
     if added := [name for name in columns if name not in found]:
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
         for name in added:
@@ -97,14 +98,26 @@ def _open(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> tupl
     return (*found, *added)
 
 
-def _read(path: Path) -> pd.DataFrame:
-    text = path.read_text()
-    whole = text[: text.rfind("\n") + 1]
-    header = whole.partition("\n")[0].split(",")
+def read(path: Path) -> pd.DataFrame:
+    """Return the rows of a file that a `Table` wrote, each once, and leave the file alone.
+
+    A row that a kill tore off is left out; so are headers between rows, of files that were concatenated.
+
+    Raises:
+        DexFlexError: If there is no such file, or a line of it is damaged.
+    """
     try:
-        return pd.read_csv(io.StringIO(whole), dtype={c: str for c in header if c in _TEXT})
+        text = path.read_text()
+        header = text.partition("\n")[0]
+        whole = text[: text.rfind("\n") + 1].replace(f"\n{header}\n", "\n")
+        kinds = {name: str for name in header.split(",") if name in _TEXT}
+        rows = pd.read_csv(io.StringIO(whole), dtype=kinds)
+    except FileNotFoundError as error:
+        raise DexFlexError(f"There are no results: {path} not found.") from error
     except ValueError as error:
         raise DexFlexError(f"{path} cannot be read ({error}). Repair or remove that line.") from error
+    keys = [name for name in KEY if name in rows] if "seed" in rows else list(rows)
+    return rows.drop_duplicates(keys, ignore_index=True)
 
 
 def _append(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:

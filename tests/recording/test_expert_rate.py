@@ -1,29 +1,24 @@
-import json
-
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.recording import expert_rate as module
 from lerobot_dexflex.recording.attempt import Attempt
 from lerobot_dexflex.recording.expert_rate import expert_rate
-
-
-@pytest.fixture(autouse=True)
-def fixed_code(monkeypatch):
-    monkeypatch.setattr(module, "code_digest", lambda modules: "digest")
 
 
 def every_fourth_fails(index):
     return Attempt(index, 100 + index, index % 4 != 3, 7, 1.0, {})
 
 
-def test_the_rate_counts_all_attempts(tmp_path):
-    rate = expert_rate("PlaceHammer-v0", 8, 100, 0, tmp_path / "rate.json", every_fourth_fails)
-    # 6 of 8; Wilson 95 % from the closed form: (p + z^2/2n +- z sqrt(p(1-p)/n + z^2/4n^2)) / (1 + z^2/n).
-    assert (rate.n_success, rate.n_episodes, rate.pc_success) == (6, 8, 75.0)
-    assert rate.pc_success_ci95 == pytest.approx((40.93, 92.85), abs=0.01)
-    found = json.loads((tmp_path / "rate.json").read_text())
-    assert [a["seed"] for a in found["attempts"]] == list(range(100, 108))
+def measure(table, run=every_fourth_fails, episodes=8, seed=100):
+    return expert_rate("PlaceHammer-v0", episodes, seed, 0, table, run, quiet=True)
+
+
+def test_every_attempt_leaves_a_row(tmp_path):
+    rows = measure(tmp_path / "tasks.csv")
+    assert rows["seed"].tolist() == list(range(100, 108))
+    assert rows["success"].tolist() == [True, True, True, False] * 2
+    assert set(rows["seconds"]) == {0.35}  # 7 steps at 20 Hz.
+    assert set(rows["method"]) == {"expert"}
 
 
 def test_an_interrupted_measurement_continues(tmp_path):
@@ -32,27 +27,38 @@ def test_an_interrupted_measurement_continues(tmp_path):
             raise KeyboardInterrupt
         return every_fourth_fails(index)
 
-    whole, broken = tmp_path / "whole.json", tmp_path / "broken.json"
-    expert_rate("PlaceHammer-v0", 8, 100, 0, whole, every_fourth_fails)
+    whole, broken = tmp_path / "a/tasks.csv", tmp_path / "b/tasks.csv"
+    measure(whole)
     with pytest.raises(KeyboardInterrupt):
-        expert_rate("PlaceHammer-v0", 8, 100, 0, broken, interrupted)
-    assert json.loads(broken.read_text())["n_episodes"] == 5
-    expert_rate("PlaceHammer-v0", 8, 100, 0, broken, every_fourth_fails)
-    assert json.loads(broken.read_text()) == json.loads(whole.read_text())
+        measure(broken, interrupted)
+    assert len(broken.read_text().splitlines()) == 1 + 5
+    ran = []
+    measure(broken, lambda index: ran.append(index) or every_fourth_fails(index))
+    assert ran == [5, 6, 7]
+    assert broken.read_text() == whole.read_text()
 
 
-def test_another_measurement_is_not_overwritten(tmp_path):
-    output = tmp_path / "rate.json"
-    expert_rate("PlaceHammer-v0", 2, 100, 0, output, every_fourth_fails)
-    before = output.read_text()
-    with pytest.raises(DexFlexError, match=r"'seed': 100.*'seed': 7"):
-        expert_rate("PlaceHammer-v0", 2, 7, 0, output, every_fourth_fails)
-    assert output.read_text() == before
-    output.write_text("notes")
-    with pytest.raises(DexFlexError, match="no measurement of the expert"):
-        expert_rate("PlaceHammer-v0", 2, 100, 0, output, every_fourth_fails)
+def test_attempts_of_another_first_seed_are_other_episodes(tmp_path):
+    ran = []
+    measure(tmp_path / "tasks.csv", episodes=4)
+    measure(
+        tmp_path / "tasks.csv",
+        lambda index: ran.append(index) or every_fourth_fails(index),
+        episodes=4,
+        seed=102,
+    )
+    assert ran == [0, 1, 2, 3]
+
+
+def test_bad_numbers_and_other_files_are_refused(tmp_path):
+    with pytest.raises(DexFlexError, match="`episodes` must be at least 1"):
+        measure(tmp_path / "tasks.csv", episodes=0)
+    (tmp_path / "tasks.csv").write_text("notes\n")
+    with pytest.raises(DexFlexError, match="no table of episodes"):
+        measure(tmp_path / "tasks.csv")
+    assert (tmp_path / "tasks.csv").read_text() == "notes\n"
 
 
 def test_the_real_expert_solves_an_unseen_state(tmp_path):
-    rate = expert_rate("PlaceHammer-v0", 1, 200_000, 0, tmp_path / "rate.json")
-    assert rate.n_success == 1
+    rows = expert_rate("PlaceHammer-v0", 1, 200_000, 0, tmp_path / "tasks.csv", quiet=True)
+    assert rows["success"].tolist() == [True]

@@ -21,13 +21,12 @@ def jobs(methods, version=OLD, episodes=4):
     return [Job(m, version.name, "T-v0", "clean", (k, k + 1)) for m in methods for k in range(0, episodes, 2)]
 
 
-def run(folder, wanted, ran, version=OLD):
+def run(folder, wanted, ran):
     def job(job):
         ran.append((job.method, job.seeds))
         return [{"success": seed % 2 == 0} for seed in job.seeds]
 
-    versions = {job.method: version for job in wanted}
-    return run_missing(folder / "t.csv", ["success"], wanted, versions, job, workers=0, quiet=True)
+    return run_missing(folder / "t.csv", ["success"], wanted, [OLD, NEW], job, workers=0, quiet=True)
 
 
 def test_only_missing_rows_run_and_others_stay(tmp_path):
@@ -44,7 +43,7 @@ def test_only_the_method_whose_version_changed_runs_again(tmp_path):
     run(tmp_path, jobs(["raw", "joint"]), ran)
     ran.clear()
     changed = jobs(["raw"]) + jobs(["joint"], NEW)
-    found = run(tmp_path, changed, ran, NEW)
+    found = run(tmp_path, changed, ran)
     assert ran == [("joint", (0, 1)), ("joint", (2, 3))]
     assert set(found["version"]) == {OLD.name, NEW.name}
 

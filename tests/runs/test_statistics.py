@@ -1,7 +1,9 @@
+from math import comb
+
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.runs.statistics import holm, mean_interval, paired_test, success_rate
+from lerobot_dexflex.runs.statistics import holm, mean_interval, paired_e_value, paired_test, success_rate
 
 
 def test_half_of_a_hundred_has_the_wilson_interval_derived_by_hand():
@@ -36,6 +38,21 @@ def test_equal_outcomes_are_no_evidence():
 def test_unequal_lengths_cannot_be_paired():
     with pytest.raises(DexFlexError, match="3 and 2"):
         paired_test([True] * 3, [True] * 2)
+
+
+def test_the_e_value_of_few_pairs_is_that_derived_by_hand():
+    # a = 1: E = 2^n k! (n-k)! / (n+1)!. 6 against 1: 2^7 * 720 / 40320 = 16/7. 3 against 0: 8/4. a = 1/2,
+    # 1 against 0: 2 B(3/2, 1/2) / B(1/2, 1/2) = 2 (pi/2) / pi = 1: a single pair says nothing.
+    assert paired_e_value(6, 1) == pytest.approx(16 / 7)
+    assert paired_e_value(1, 6) == paired_e_value(6, 1)
+    assert paired_e_value(3, 0) == pytest.approx(2.0)
+    assert paired_e_value(0, 0) == 1.0
+    assert paired_e_value(1, 0, prior=0.5) == pytest.approx(1.0)
+
+
+def test_the_e_value_is_a_fair_bet_where_both_are_alike():
+    # Mean over all 2^n outcomes of n fair coins, n = 12: a martingale's mean stays 1.
+    assert sum(comb(12, k) * paired_e_value(k, 12 - k) for k in range(13)) / 2**12 == pytest.approx(1)
 
 
 def test_holm_steps_down_and_keeps_the_order():

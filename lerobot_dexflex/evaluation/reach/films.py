@@ -9,7 +9,7 @@ import pandas as pd
 from lerobot_dexflex.commands.loop import Episode, Privileged, Slot, run_chains
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.evaluation.conditions import Condition
-from lerobot_dexflex.evaluation.policies import ObservedInterface
+from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.report.film import Film, side_by_side
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.experts.reach.chains import Chain
@@ -86,8 +86,8 @@ class _Observed(ObservedInterface):
 
     def see(self, slots: Sequence[Slot | None]) -> None:
         """Look at the running episodes, if the inner interface does; see `Privileged`."""
-        if isinstance(self._inner, Privileged):
-            self._inner.see(slots)
+        if isinstance(self.inner, Privileged):
+            self.inner.see(slots)
 
 
 class _Watcher:

@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from lerobot_dexflex.commands.corruption import EVENT_STEPS
+from lerobot_dexflex.commands.families import REMOVAL_STEPS
 from lerobot_dexflex.commands.loop import Episode
 from lerobot_dexflex.evaluation.reach.bounds import CLEAN
 from lerobot_dexflex.evaluation.reach.metrics import EVENT_BIN, EVENT_LAGS, relative_error
@@ -71,7 +71,7 @@ def around_removals(summary: Summary) -> bytes | None:
             half = 1.96 * np.nanstd(curves, 0, ddof=1) / np.sqrt(seen[enough])
             axes.plot(at, mean, "o-", ms=3, color=colour(k), lw=1.8, label=name)
             axes.fill_between(at, mean - half, mean + half, color=colour(k), alpha=0.18, lw=0)
-        axes.axvspan(0, _PERIOD * EVENT_STEPS, color=INK, alpha=0.15, lw=0)
+        axes.axvspan(0, _PERIOD * REMOVAL_STEPS, color=INK, alpha=0.15, lw=0)
         axes.set(ylabel=f"intervention, {condition}", ylim=(0, None))
     panels[0].legend(ncols=4, loc="lower left", bbox_to_anchor=(0, 1), **LEGEND)
     panels[-1].set_xlabel("time after the first step of a removal [s]; grey: the removal")

@@ -140,7 +140,7 @@ def run(benchmark: Benchmark, workers: int = 2, quiet: bool = False) -> pd.DataF
     with locked(benchmark.output):
         _refuse_other_chains(benchmark, wanted(Table(benchmark.table, COLUMNS).load(), jobs))
     return run_missing(
-        benchmark.table, COLUMNS, jobs, versions, benchmark.run_job, workers, quiet, status=_status
+        benchmark.table, COLUMNS, jobs, versions.values(), benchmark.run_job, workers, quiet, status=_status
     )
 
 

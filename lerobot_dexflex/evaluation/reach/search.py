@@ -16,16 +16,18 @@ import pandas as pd
 import statsmodels.api as sm
 from numpy.typing import NDArray
 
-from lerobot_dexflex.commands.corruption import Corruption
+from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.loop import run_chains
 from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.controller.settings import ProjectionSettings
-from lerobot_dexflex.corpus.distortion import sample_corruption
+from lerobot_dexflex.corpus.distortion import sample_errors
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
+from lerobot_dexflex.interfaces.learned import shared_controller
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.jobs import Job, run_missing
 from lerobot_dexflex.runs.provenance import method_version
@@ -61,7 +63,7 @@ class Trial(NamedTuple):
     settings: ProjectionSettings
     seeds: tuple[int, ...]
     """Of the chains."""
-    errors: tuple[Corruption, ...]
+    errors: tuple[CommandErrors, ...]
     """What goes wrong with the commands, one for each chain."""
 
 
@@ -128,7 +130,7 @@ def draw_trial(number: int, seeds: Sequence[int]) -> Trial:
     rng = np.random.default_rng((number, 17))
     settings = ProjectionSettings(**{key: float(rng.uniform(*ends)) for key, ends in RANGES.items()})
     chosen = rng.choice(len(seeds), min(BATCH, len(seeds)), replace=False)
-    errors = tuple(sample_corruption(rng, CLEAN_SHARE) for _ in chosen)
+    errors = tuple(sample_errors(rng, CLEAN_SHARE) for _ in chosen)
     return Trial(settings, tuple(seeds[k] for k in chosen), errors)
 
 
@@ -153,7 +155,7 @@ def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -
     search.book.ensure(search.n_chains, workers, quiet)
     jobs = search.jobs(trials, version.name)
     path = search.output / TABLE
-    return run_missing(path, COLUMNS, jobs, {METHOD: version}, search.run_job, workers, quiet)
+    return run_missing(path, COLUMNS, jobs, [version], search.run_job, workers, quiet)
 
 
 @dataclass(frozen=True)

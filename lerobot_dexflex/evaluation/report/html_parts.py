@@ -4,7 +4,8 @@ import base64
 import html
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+
+import pandas as pd
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1c2128; --soft: #59636e; --page: #fff;
@@ -72,13 +73,11 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f'<div class="scroll"><table><tr>{head}</tr>{body}</table></div>'
 
 
-def provenance(result: dict[str, Any]) -> str:
-    """Return settings and runs of a result file as preformatted text."""
-    settings = [f"{key}: {value}" for key, value in result["identity"].items()]
-    sessions = [
-        f"{s['started']} commit {s['commit']}: {s['episodes_run']} episodes in {s['wall_time_s']} s with "
-        f"{s['workers']} workers\n  $ {s['command']}"
-        for s in result["provenance"]["sessions"]
-    ]
-    text = "\n".join([f"settings {result['config_hash']}", *settings, "", *sessions])
+def origins(runs: pd.DataFrame) -> str:
+    """Return rows of `runs.csv`, where each version's episodes come from, as preformatted text."""
+    text = "\n\n".join(
+        f"{run['method']} {run['version']}, {run['date']}, commit {run['commit']}\n  code {run['code']} "
+        f"weights {run['weights']} {run['settings']}\n  $ {run['command']}"
+        for run in runs.fillna("").to_dict("records")
+    )
     return f"<h2>Provenance</h2><pre>{html.escape(text)}</pre>"

@@ -1,74 +1,105 @@
 """The report: one HTML file with everything inside."""
 
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-from lerobot_dexflex.evaluation.outcome import Outcome
+import pandas as pd
+
+from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.comparison import Comparison
 from lerobot_dexflex.evaluation.report import plots, table
 from lerobot_dexflex.evaluation.report.film import side_by_side
-from lerobot_dexflex.evaluation.report.html_parts import document, picture, provenance, video, write_page
+from lerobot_dexflex.evaluation.report.html_parts import document, origins, picture, video, write_page
 from lerobot_dexflex.evaluation.report.html_parts import table as html_table
-from lerobot_dexflex.evaluation.summary import by_interface
+from lerobot_dexflex.evaluation.summary import Summary, grown, summarise, write_eval_info
+from lerobot_dexflex.runs.table import Table
+
+MARKDOWN, PAGE, EVAL_INFO = "comparison.md", "report.html", "summary.json"
 
 
-def write_report(result: dict[str, Any], outcomes: Sequence[Outcome], folder: Path, videos: int) -> Path:
-    """Write `report.html` and `comparison.md` into the comparison's folder and return the page's path.
+def write_report(comparison: Comparison, rows: pd.DataFrame) -> tuple[str, Path]:
+    """Write the tables, the page and LeRobot's form of the rates into the comparison's folder.
 
     Args:
-        result: Content of the result file.
-        outcomes: Its episodes.
-        folder: Folder with the `videos` of the episodes.
-        videos: How many episodes to show, if they were filmed.
+        comparison: What was run.
+        rows: Its episodes.
+
+    Returns:
+        The tables as Markdown, and the page's path.
+
+    Raises:
+        DexFlexError: If a film cannot be read.
     """
-    (folder / "comparison.md").write_text(table.markdown(result) + "\n")
-    path = folder / "report.html"
-    return write_page(path, _page(result, outcomes, folder, videos))
+    runs = Table(comparison.table).origins()
+    methods = [comparison.named(method) for method in comparison.methods]
+    grew = grown(runs)
+    summaries = {
+        condition: summarise(part, methods, "task", list(comparison.players), grew)
+        for condition in comparison.conditions
+        if not (part := rows[rows["condition"] == condition]).empty
+    }
+    text = "\n\n".join(
+        [*(table.markdown(found, _title(found)) for found in summaries.values()), table.MEANINGS]
+    )
+    (comparison.output / MARKDOWN).write_text(text + "\n")
+    write_eval_info(rows, comparison.output / EVAL_INFO)
+    title = f"{', '.join(comparison.players)}: {', '.join(methods)}"
+    sections = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(table.MEANINGS)}</p>"]
+    for condition, found in summaries.items():
+        sections += _condition(comparison, condition, found, grew)
+    shown = runs[runs["version"].isin(rows["version"])]
+    page = document(title, [*sections, origins(shown)])
+    return text, write_page(comparison.output / PAGE, page)
 
 
-def _page(result: dict[str, Any], outcomes: Sequence[Outcome], folder: Path, videos: int) -> str:
-    interfaces = list(result["per_interface"])
-    grouped = by_interface(outcomes, interfaces)
-    period = plots.period_of(outcomes)
-    first, last = result["seeds"]
-    sections = [
-        f"<h1>{html.escape(result['identity']['env'])}: {html.escape(', '.join(interfaces))}</h1>",
-        f"<p>{result['n_episodes']} paired episodes per interface (seeds {first} to {last}): the same "
-        "initial states for every interface, with the same policy noise where they share a checkpoint.</p>",
-        html_table(table.RATE_HEADER, table.rate_rows(result)),
-        '<div class="row">',
-        picture(plots.success(result), "Success rates with Wilson 95 % intervals."),
-        picture(plots.progress(grouped, period), "Mean progress; bands are bootstrap 95 % intervals."),
-        picture(plots.completion(grouped, period), "Share of episodes solved within a time."),
-        "</div>",
-        "<h2>Paired outcomes</h2>",
-        picture(plots.paired(grouped), "How each episode ended under each interface."),
-        html_table(table.PAIR_HEADER, table.pair_rows(result)) if len(interfaces) > 1 else "",
-        "<p>Only first / only second: episodes that just one of the two solved. McNemar's exact test, "
-        "adjusted by Holm over all pairs; progress gain with bootstrap 95 % interval.</p>",
-        *_failures(result),
-        *_videos(interfaces, folder, min(videos, result["n_episodes"])),
-        provenance(result),
-    ]
-    return document(f"{result['identity']['env']} interfaces", sections)
+def _title(summary: Summary) -> str:
+    return table.summary_title(summary.rows)
 
 
-def _failures(result: dict[str, Any]) -> Iterable[str]:
-    if rows := table.failure_rows(result):
-        yield "<h2>What happened in the failures</h2>"
-        yield html_table(table.failure_header(result), rows)
+def _condition(
+    comparison: Comparison, condition: str, summary: Summary, grew: frozenset[str]
+) -> Iterable[str]:
+    yield f"<h2>{html.escape(condition)}</h2>"
+    yield (
+        f"<p>{html.escape(table.about(summary))} The same initial states for every method, with the same "
+        "policy noise where they share a checkpoint.</p>"
+    )
+    if len(summary.columns) > 1:
+        yield html_table(table.rate_header(summary), table.rate_rows(summary))
+        yield picture(plots.success(summary), "Success over all tasks with Wilson 95 % intervals.")
+    if summary.tests:
+        yield html_table(table.pair_header(summary), table.pair_rows(summary))
+    for task, part in summary.rows.groupby("task", sort=False):
+        yield from _task(comparison, condition, str(task), summarise(part, summary.methods, grew=grew))
 
 
-def _videos(interfaces: Sequence[str], folder: Path, videos: int) -> Iterable[str]:
-    shown = []
-    for episode in range(videos):
-        films = [folder / "videos" / f"{episode:04d}_{name}.mp4" for name in interfaces]
+def _task(comparison: Comparison, condition: str, task: str, summary: Summary) -> Iterable[str]:
+    yield f"<h3>{html.escape(task)}, {html.escape(condition)}</h3>"
+    yield html_table(table.DETAIL_HEADER, table.detail_rows(summary))
+    yield '<div class="row">'
+    yield picture(plots.success(summary), "Success rates with Wilson 95 % intervals.")
+    yield picture(plots.completion(summary), "Share of episodes solved within a time.")
+    yield "</div>"
+    yield picture(plots.paired(summary), "How each episode ended under each method.")
+    stages = TASKS[task].stages if task in TASKS else ()
+    if rows := table.failure_rows(summary, stages):
+        yield html_table(table.failure_header(summary), rows)
+    yield from _films(comparison, condition, task, summary)
+
+
+def _films(comparison: Comparison, condition: str, task: str, summary: Summary) -> Iterable[str]:
+    for seed in comparison.seeds[: comparison.videos]:
+        films = [comparison.film(task, condition, seed, name) for name in summary.methods]
         if not all(film.exists() for film in films):
             continue
-        path = folder / "videos" / f"{episode:04d}_side_by_side.mp4"
-        side_by_side(films, path)
-        shown.append(video(path, f"Episode {episode}, twice real time."))
-    if shown:
-        yield f"<h2>The first {len(shown)} episodes, chosen by number</h2>"
-        yield from shown
+        path = comparison.film(task, condition, seed, "side_by_side")
+        try:
+            side_by_side(films, path)
+        except (OSError, ValueError) as error:  # av's errors are both.
+            raise DexFlexError(
+                f"A film in {path.parent} of seed {seed} cannot be read ({error}). Remove that folder: the "
+                "rows are kept, and the report goes without these films."
+            ) from error
+        yield video(path, f"Seed {seed}, twice real time.")

@@ -1,14 +1,20 @@
-"""The Markdown tables of a comparison."""
+"""The tables of a comparison, as cells of text and as Markdown."""
 
+from collections import Counter
 from collections.abc import Sequence
-from typing import Any
+
+import pandas as pd
+
+from lerobot_dexflex.evaluation.failures import failures
+from lerobot_dexflex.evaluation.summary import PairTest, Summary
+from lerobot_dexflex.runs.statistics import Mean, Rate
 
 SIGNIFICANT = 0.05
-"""Below this adjusted p-value a pair of interfaces is named in a sentence."""
+"""Below this adjusted p-value a pair of methods is named in a sentence."""
 _MANY = 5
-"""Of more interfaces, a sentence names only the pairs of the last one."""
-RATE_HEADER = (
-    "interface",
+"""Of more methods, a sentence names only the pairs of the last one."""
+DETAIL_HEADER = (
+    "method",
     "success",
     "95 % Wilson",
     "progress",
@@ -17,144 +23,207 @@ RATE_HEADER = (
     "holding",
     "intervention",
 )
+_PAIR_HEADER = ("pair", "episodes", "only first", "only second", "McNemar p", "p (Holm)", "progress gain")
+_GROWN_HEADER = ("E", "1/E (Holm)")
+MEANINGS = (
+    "Success with Wilson 95 % intervals. Progress is each episode's largest, drops per episode, holding the "
+    "share of time with the object in hand, intervention the mean ||executed - draft|| / ||draft||; means "
+    "with bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over all "
+    "pairs of the table; progress gain: second - first. E, where episodes come from more than one command: "
+    "its inverse is a p-value also if some were added after a look."
+)
+
+Rows = list[list[str]]
 
 
-def markdown(result: dict[str, Any]) -> str:
-    """Return both tables, per interface and pairwise, with what they mean."""
-    n = result["n_episodes"]
-    first, last = result["seeds"]
-    return "\n\n".join(
-        [
-            f"{n} paired episodes per interface, seeds {first} to {last}, {result['identity']['env']}",
-            rates(result),
-            pairs(result),
-            *([failures(result)] if failure_rows(result) else []),
-            "Progress is each episode's largest, drops per episode, holding the share of time with the "
-            "object in hand, intervention the mean ||executed - draft|| / ||draft||; means with bootstrap "
-            "95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm.",
-        ]
-    )
+def rate_header(summary: Summary) -> list[str]:
+    """Return the header of `rate_rows`."""
+    return ["method", *(column.removesuffix("-v0") for column in summary.columns)]
 
 
-def rates(result: dict[str, Any]) -> str:
-    """Return the table per interface."""
-    return _table(RATE_HEADER, rate_rows(result))
+def rate_rows(summary: Summary) -> Rows:
+    """Return success by method and column, with n where it differs between cells."""
+    say = len(summary.counts) > 1
+    return [
+        [name, *(_rate(summary.rates.get((name, column)), say) for column in summary.columns)]
+        for name in summary.methods
+    ]
 
 
-def rate_rows(result: dict[str, Any]) -> list[list[str]]:
-    """Return the cells of the table per interface."""
+def detail_rows(summary: Summary) -> Rows:
+    """Return everything that is known of each method, over all columns of the summary."""
     rows = []
-    for name, numbers in result["per_interface"].items():
-        low, high = numbers["pc_success_ci95"]
-        rows.append(
-            [
-                name,
-                f"{numbers['n_success']}/{numbers['n_episodes']} ({numbers['pc_success']:.0f} %)",
-                f"{low:.0f}-{high:.0f} %",
-                _mean(numbers["progress_max"], 2),
-                _mean(numbers["completion_time"], 1),
-                _mean(numbers["drops"], 2),
-                _mean(numbers["holding"], 2),
-                _mean(numbers["intervention"], 2),
-            ]
-        )
+    for name in summary.methods:
+        rate, means = summary.rates.get((name, summary.columns[-1])), summary.means[name]
+        found = ("-", "-") if rate is None else (_count(rate), _interval(rate))
+        numbers = [
+            _mean(means[metric], 1 if metric == "completion_time" else 2)
+            for metric in ("progress", "completion_time", "drops", "holding", "intervention")
+        ]
+        rows.append([name, *found, *numbers])
     return rows
 
 
-PAIR_HEADER = ("pair", "only first", "only second", "McNemar p", "p (Holm)", "progress, second - first")
+def pair_header(summary: Summary) -> list[str]:
+    """Return the header of `pair_rows`."""
+    return [*_PAIR_HEADER, *(_GROWN_HEADER if _any_grew(summary) else ())]
 
 
-def pairs(result: dict[str, Any]) -> str:
-    """Return the table of paired tests; empty for a single interface."""
-    rows = pair_rows(result)
-    return _table(PAIR_HEADER, rows) if rows else "One interface: nothing to compare."
-
-
-def pair_rows(result: dict[str, Any]) -> list[list[str]]:
-    """Return the cells of the table of paired tests."""
+def pair_rows(summary: Summary) -> Rows:
+    """Return the paired tests; with E-values if episodes of any may have been added after a look."""
     return [
         [
-            f"{test['first']} vs {test['second']}",
-            str(test["only_first"]),
-            str(test["only_second"]),
-            f"{test['p_value']:.3g}",
-            f"{test['p_value_holm']:.3g}",
-            _mean(test["progress_gain"], 2, sign="+"),
+            f"{test.first} vs {test.second}",
+            str(test.n_episodes),
+            str(test.only_first),
+            str(test.only_second),
+            f"{test.p_value:.3g}",
+            f"{test.p_value_holm:.3g}",
+            _mean(test.progress_gain, 2, sign="+"),
+            *((_number(test.e_value), _number(test.p_anytime_holm)) if _any_grew(summary) else ()),
         ]
-        for test in result["pairwise"]
+        for test in summary.tests
     ]
 
 
-def failure_header(result: dict[str, Any]) -> tuple[str, ...]:
-    """Return the header of the table of failures."""
-    return ("failure", *result["per_interface"])
+def failure_header(summary: Summary) -> list[str]:
+    """Return the header of `failure_rows`."""
+    return ["failure", *summary.methods]
 
 
-def failure_rows(result: dict[str, Any]) -> list[list[str]]:
-    """Return how many episodes of every interface failed in each way; no rows if none failed."""
-    counts = [numbers["failures"] for numbers in result["per_interface"].values()]
-    kinds = sorted(
-        {kind for count in counts for kind in count}, key=lambda k: -sum(c.get(k, 0) for c in counts)
-    )
-    return [[kind, *(str(count.get(kind, 0)) for count in counts)] for kind in kinds]
-
-
-def failures(result: dict[str, Any]) -> str:
-    """Return the table of failures."""
-    return _table(failure_header(result), failure_rows(result))
-
-
-def across_markdown(found: dict[str, Any]) -> str:
-    """Return success by interface and task, and the paired tests over all episodes.
-
-    Of more than five interfaces, only the last one's tests are told; Holm's adjustment is over all pairs.
+def failure_rows(summary: Summary, stages: Sequence[str]) -> Rows:
+    """Return how many episodes of every method failed in each way, the most frequent first.
 
     Args:
-        found: From `evaluation.across.across`.
+        summary: Of one task.
+        stages: See `evaluation.failures.failures`.
     """
-    last = [*found["success"]][-1]
-    few = len(found["success"]) <= _MANY
-    tests = [test for test in found["pairwise"] if few or last in (test["first"], test["second"])]
-    rows = [
-        [f"`{name}`", *(_rate(row[c]) for c in found["columns"])] for name, row in found["success"].items()
-    ]
+    counts = [Counter(failures(summary.of(name), stages)) for name in summary.methods]
+    total = sum(counts, Counter())
+    kinds = sorted(total, key=lambda kind: (-total[kind], kind))
+    return [[kind, *(str(count[kind]) for count in counts)] for kind in kinds]
+
+
+def markdown(summary: Summary, title: str) -> str:
+    """Return all tables of a condition, with a title."""
+    pairs = as_markdown(pair_header(summary), pair_rows(summary)) if summary.tests else ""
+    wide = as_markdown(rate_header(summary), rate_rows(summary)) if len(summary.columns) > 1 else ""
+    detail = as_markdown(DETAIL_HEADER, detail_rows(summary))
+    return "\n\n".join(part for part in (f"**{title}**: {about(summary)}", wide, detail, pairs) if part)
+
+
+def about(summary: Summary) -> str:
+    """Return how many episodes there are, and from which seeds."""
+    seeds = summary.rows["seed"]
+    return f"{_episodes(summary)} episodes per method and column, seeds {seeds.min()} to {seeds.max()}."
+
+
+def rates_markdown(summary: Summary) -> str:
+    """Return success by method and column, and the paired tests over all episodes in a sentence."""
+    rows = [[f"`{name}`", *cells] for name, *cells in rate_rows(summary)]
+    tests = (
+        f" Exact McNemar tests over all episodes (Holm): {tests_sentence(summary)}" if summary.tests else ""
+    )
     return (
-        _table(("interface", *found["columns"]), rows)
-        + f"\n\nSuccess with Wilson 95 % intervals; {found['n_episodes']} paired episodes per cell. Exact "
-        + f"McNemar tests over all episodes (Holm): {paired_sentence(tests)}."
+        as_markdown(["interface", *rate_header(summary)[1:]], rows)
+        + f"\n\nSuccess with Wilson 95 % intervals; {_episodes(summary)} paired episodes per cell.{tests}"
     )
 
 
-def paired_sentence(pairwise: Sequence[dict[str, Any]]) -> str:
+def detail_markdown(summary: Summary) -> str:
+    """Return rates, intervals and times to success of one task, and the paired tests in a sentence."""
+    header = ("interface", "success", "95 % interval (Wilson)", "time to success")
+    rows = []
+    for name in summary.methods:
+        rate, seconds = summary.rates[name, summary.columns[-1]], summary.means[name]["completion_time"]
+        low, high = rate.pc_success_ci95
+        time = "-" if seconds is None else f"{seconds.mean:.1f} s"
+        rows.append([f"`{name}`", _percent(rate), f"{low:.0f} to {high:.0f} %", time])
+    seeds = summary.rows["seed"]
+    tests = f" Exact McNemar tests (Holm): {tests_sentence(summary)}" if summary.tests else ""
+    return (
+        as_markdown(header, rows)
+        + f"\n\nn = {_episodes(summary)} paired episodes per interface on held-out initial states "
+        + f"(seeds {seeds.min()} to {seeds.max()}).{tests}"
+    )
+
+
+def tests_sentence(summary: Summary) -> str:
     """Return which pairs differ, and the smallest p-value of those that do not.
 
-    Args:
-        pairwise: Paired tests with `first`, `second` and `p_value_holm`.
+    Of more than five methods, only the last one's tests are told; Holm's adjustment is over all pairs.
     """
-    named = [t for t in pairwise if t["p_value_holm"] < SIGNIFICANT]
-    parts = [f"{t['first']} against {t['second']} p = {t['p_value_holm']:.2g}" for t in named]
-    rest = [t["p_value_holm"] for t in pairwise if t["p_value_holm"] >= SIGNIFICANT]
+    last, few = summary.methods[-1], len(summary.methods) <= _MANY
+    tests = [test for test in summary.tests if few or last in (test.first, test.second)]
+    text = _differing([(test, test.p_value_holm) for test in tests]) + "."
+    looked = [(test, p) for test in tests if (p := test.p_anytime_holm) is not None]
+    if looked:
+        text += (
+            " These episodes come from more than one command; E-values, valid also if some were added after a "
+            f"look (Holm): {_differing(looked)}."
+        )
+    return text
+
+
+def as_markdown(header: Sequence[str], rows: Rows) -> str:
+    """Return a table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def summary_title(rows: pd.DataFrame) -> str:
+    """Return the tasks and conditions of some episodes."""
+    tasks, conditions = dict.fromkeys(rows["task"]), dict.fromkeys(rows["condition"])
+    return f"{', '.join(tasks)}, {', '.join(conditions)}"
+
+
+def _differing(tests: Sequence[tuple[PairTest, float]]) -> str:
+    parts = [f"{test.first} against {test.second} p = {p:.2g}" for test, p in tests if p < SIGNIFICANT]
+    rest = [p for _, p in tests if p >= SIGNIFICANT]
     if rest:
-        which = "all other pairs" if named else "all pairs"
+        which = "all other pairs" if parts else "all pairs"
         parts.append(f"{which} p {'=' if min(rest) == 1 else '≥'} {min(rest):.2g}")
     return ", ".join(parts)
 
 
-def _rate(rate: dict[str, Any]) -> str:
-    low, high = rate["pc_success_ci95"]
-    return f"{rate['pc_success']:.0f} % [{low:.0f}, {high:.0f}]"
+def _any_grew(summary: Summary) -> bool:
+    return any(test.e_value is not None for test in summary.tests)
 
 
-def _mean(metric: dict[str, Any] | None, digits: int, sign: str = "") -> str:
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+def _episodes(summary: Summary) -> str:
+    return " to ".join(str(n) for n in dict.fromkeys((summary.counts[0], summary.counts[-1])))
+
+
+def _percent(rate: Rate) -> str:
+    return f"{rate.pc_success:.0f} % ({rate.n_success}/{rate.n_episodes})"
+
+
+def _count(rate: Rate) -> str:
+    return f"{rate.n_success}/{rate.n_episodes} ({rate.pc_success:.0f} %)"
+
+
+def _interval(rate: Rate) -> str:
+    low, high = rate.pc_success_ci95
+    return f"{low:.0f}-{high:.0f} %"
+
+
+def _rate(rate: Rate | None, with_count: bool) -> str:
+    if rate is None:
+        return "-"
+    low, high = rate.pc_success_ci95
+    count = f", n = {rate.n_episodes}" if with_count else ""
+    return f"{rate.pc_success:.0f} % [{low:.0f}, {high:.0f}]{count}"
+
+
+def _mean(metric: Mean | None, digits: int, sign: str = "") -> str:
     if metric is None:
         return "-"
-    text = f"{metric['mean']:{sign}.{digits}f}"
-    if metric["ci95"] is None:
+    text = f"{metric.mean:{sign}.{digits}f}"
+    if metric.ci95 is None:
         return text
-    low, high = (f"{bound:{sign}.{digits}f}" for bound in metric["ci95"])
+    low, high = (f"{bound:{sign}.{digits}f}" for bound in metric.ci95)
     return f"{text} [{low}, {high}]"
-
-
-def _table(header: tuple[str, ...], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lerobot_dexflex.commands.corruption import Corruption
+from lerobot_dexflex.commands.families import NO_ERRORS
 from lerobot_dexflex.commands.loop import Episode
 from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.evaluation.reach.episodes import COLUMNS
@@ -18,7 +18,7 @@ def chain(seed=0):
 
 def episode(steps=4, *, label=0.0, draft=None, executed=None, dropped=False, progress=0.5, event=(), seed=0):
     """All steps alike; displacements are of the first fingertip along x [m]."""
-    found = Episode(chain(seed), Corruption("clean"), dropped=dropped, goals_reached=4, progress=progress)
+    found = Episode(chain(seed), NO_ERRORS, dropped=dropped, goals_reached=4, progress=progress)
     for key, value in {"label": label, "draft": draft, "executed": executed}.items():
         series = np.zeros((steps, 4, 3))
         series[:, 0, 0] = label if value is None else value

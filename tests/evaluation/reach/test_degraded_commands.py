@@ -18,9 +18,7 @@ def test_default_names_are_methods_and_conditions(script):
     for name in (*script.CONDITIONS.split(","), *script.DEMO_CONDITIONS.split(",")):
         assert Condition.parse(name).name == name
     ablations = tuple(INTERFACES["dexflex"].ablations)
-    assert tuple(name.split("-")[1] for name in script.ABLATION_METHODS) == tuple(
-        INTERFACES["dexflex"].ablations
-    )
+    assert tuple(name.split("-")[1] for name in script.ABLATION_METHODS) == ablations
 
 
 def test_progress_of_the_grid_is_found_by_candidates_and_evaluations(script, load_script, tmp_path):

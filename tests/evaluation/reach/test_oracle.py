@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_dexflex.commands.corruption import Corruption
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.commands.loop import Slot, run_chains
 from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.envs.reach import ReachEnv
@@ -18,7 +18,7 @@ def chain():
 
 
 def test_letting_go_costs_a_grasp_and_trying_it_out_changes_nothing(chain):
-    slot = Slot(ReachEnv(cameras=()), chain, Corruption(), 0)
+    slot = Slot(ReachEnv(cameras=()), chain, NO_ERRORS)
     before = slot.held.env.snapshot()
     hold, open_hand = np.zeros((2, 8, 4, 3))
     away = slot.held.command - slot.state.position
@@ -33,7 +33,7 @@ def test_letting_go_costs_a_grasp_and_trying_it_out_changes_nothing(chain):
 
 
 def test_a_chunk_is_tried_for_as_many_steps_as_asked(chain):
-    slot = Slot(ReachEnv(cameras=()), chain, Corruption(), 0)
+    slot = Slot(ReachEnv(cameras=()), chain, NO_ERRORS)
     late = np.zeros((1, 8, 4, 3))
     late[0, 2:] = 0.005
     whole, two = (try_out(slot, late, np.zeros((8, 4, 3)), moving)[0][0] for moving in (8, 2))
@@ -44,7 +44,7 @@ def test_a_chunk_is_tried_for_as_many_steps_as_asked(chain):
 def test_with_the_draft_alone_the_oracle_is_raw_and_explains_itself(chain, controller):
     settings = SelectionSettings(n_pure=0, n_seeded=0, project=False)
     oracle = OracleInterface(controller, "clean", settings=settings)
-    (episode,) = run_chains([chain], Corruption("noise", 0.001), oracle, max_steps=3)
+    (episode,) = run_chains([chain], CommandErrors.of(noise=0.001), oracle, max_steps=3)
     np.testing.assert_allclose(episode.executed, episode.draft, atol=1e-7)  # Chunks are single precision.
     assert [row["branch"] for row in episode.explanations] == ["draft"] * 3
 
