@@ -18,8 +18,8 @@ from lerobot_dexflex.interfaces import (
 )
 
 TOLERANCE = {name: 2e-5 if entry.learned else 0.0 for name, entry in INTERFACES.items()} | {"reflex": 1e-12}
-"""What a row may differ by in another batch [rad]: networks, and torch where `reflex` sums taxels, may add up in
-another order there. What is computed element by element or by `hand.kernels` cannot."""
+"""What a row may differ by in another batch [rad]: networks, and torch where `reflex` sums taxels, may add up
+in another order there. What is computed element by element or by `hand.kernels` cannot."""
 
 
 def test_joint_returns_the_first_targets_and_knows_where_they_put_the_fingertips():
