@@ -16,6 +16,7 @@ from torch import Tensor
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.command_errors import NO_ERRORS, CommandErrors, PlanNoise, SupportRemoval
 from lerobot_dexflex.evaluation.outcome import Motion
+from lerobot_dexflex.evaluation.policy_files import check_policy_files, missing_files
 from lerobot_dexflex.evaluation.provenance import checkpoint_digest
 from lerobot_dexflex.interfaces import Interface, interface_entry
 from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
@@ -98,12 +99,13 @@ class AdaptedPolicies:
         Raises:
             DexFlexError: If the checkpoint or a controller is missing.
         """
-        if missing := _missing_files(self.backbone):
+        if missing := missing_files(self.backbone):
             raise DexFlexError(
                 f"No checkpoint at {self.backbone}: {', '.join(missing)} not found. Give "
                 "--backbone=<run>/checkpoints/last/pretrained_model of a policy that lerobot-train trained, "
                 "e.g. with --policy.type=act."
             )
+        check_policy_files(self.backbone)
         return {
             "backbone": checkpoint_digest(self.backbone),
             **controller_digests(interfaces, self.controller),
@@ -120,10 +122,6 @@ def controller_digests(interfaces: Sequence[str], controller: str) -> dict[str, 
     }
 
 
-def _missing_files(folder: Path) -> list[str]:
-    return [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]
-
-
 def check_checkpoint(folder: Path, space: CommandSpace) -> None:
     """Refuse a folder that is no checkpoint of this action space; reads its configuration only.
 
@@ -137,8 +135,9 @@ def check_checkpoint(folder: Path, space: CommandSpace) -> None:
         "--dataset.repo_id=lerobot-dexflex/place_hammer --dataset.root=datasets/place_hammer "
         f"--output_dir=outputs/train/{space}"
     )
-    if missing := _missing_files(folder):
+    if missing := missing_files(folder):
         raise DexFlexError(f"No {space} checkpoint at {folder}: {', '.join(missing)} not found. {remedy}")
+    check_policy_files(folder)
     config = json.loads((folder / "config.json").read_text())
     if config.get("action_space") != space:
         raise DexFlexError(
@@ -164,6 +163,7 @@ def load_checkpoint(
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
     from lerobot.utils.import_utils import register_third_party_plugins
 
+    check_policy_files(checkpoint)
     register_third_party_plugins()
     overrides = [f"--interface={interface}", f"--device={device}"]
     if interface_entry(interface).learned:
@@ -183,19 +183,18 @@ def load_adapter(
 ) -> "LeRobotController":
     """Put an interface under another policy; arguments as for `load_checkpoint`."""
     from lerobot.configs import PreTrainedConfig
-    from lerobot.policies.factory import make_pre_post_processors
+    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
     from lerobot.utils.import_utils import register_third_party_plugins
 
-    from lerobot_policy_dexflex.configuration_dexflex_adapter import DexflexAdapterConfig
-    from lerobot_policy_dexflex.modeling_dexflex_adapter import DexflexAdapterPolicy
-
-    register_third_party_plugins()
-    config = DexflexAdapterConfig(
+    check_policy_files(backbone)
+    register_third_party_plugins()  # The plugin stands above this library: it is asked for by name.
+    make_config: Any = PreTrainedConfig.get_choice_class("dexflex_adapter")
+    config = make_config(
         backbone_path=str(backbone), interface=interface, controller=controller, device=device
     )
     config.input_features = PreTrainedConfig.from_pretrained(backbone).input_features
     with contextlib.redirect_stdout(io.StringIO()):
-        policy = DexflexAdapterPolicy(config)
+        policy: Any = get_policy_class(config.type)(config)
     return LeRobotController(policy.eval(), *make_pre_post_processors(config), errors)
 
 

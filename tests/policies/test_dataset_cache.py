@@ -6,7 +6,7 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.dataset_reader import DatasetReader
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_dexflex.training import dataset_cache
+from lerobot_policy_dexflex import dataset_cache
 
 WINDOW = {"action": [k / 20 for k in range(16)]}
 HISTORY = WINDOW | {"observation.images.front": [-0.05, 0.0], "observation.state": [-0.1, 0.0]}

@@ -1,0 +1,66 @@
+"""Do what LeRobot's commands do up to their first step, in this process."""
+
+import sys
+from types import SimpleNamespace
+
+from lerobot.configs import parser
+from lerobot.configs.eval import EvalPipelineConfig
+from lerobot.configs.train import TrainPipelineConfig
+from lerobot.datasets.factory import make_train_eval_datasets
+from lerobot.envs import close_envs, make_env
+from lerobot.policies import make_policy, make_pre_post_processors
+from lerobot.scripts.lerobot_eval import rollout
+from lerobot.utils.import_utils import register_third_party_plugins
+
+REPOSITORY = "--dataset.repo_id=lerobot-dexflex/synthetic"
+
+
+def begin_training(monkeypatch, *arguments):
+    """Return configuration, datasets, policy and processors of `lerobot-train <arguments>`."""
+
+    @parser.wrap()
+    def train(config: TrainPipelineConfig):
+        config.validate()
+        policy_config = config.policy
+        assert policy_config is not None
+        train_set, eval_set = make_train_eval_datasets(config)
+        policy = make_policy(cfg=policy_config, ds_meta=train_set.meta, rename_map=config.rename_map)
+        overrides = {"rename_observations_processor": {"rename_map": config.rename_map}}
+        processors = make_pre_post_processors(
+            policy_config, policy_config.pretrained_path, preprocessor_overrides=overrides
+        )
+        return SimpleNamespace(
+            config=config, train_set=train_set, eval_set=eval_set, policy=policy, processors=processors
+        )
+
+    return _run(monkeypatch, train, REPOSITORY, "--dataset.video_backend=pyav", "--num_workers=0", *arguments)
+
+
+def begin_evaluation(monkeypatch, *arguments):
+    """Run one episode of two steps as `lerobot-eval <arguments>` does; returns its actions."""
+
+    @parser.wrap()
+    def evaluate(config: EvalPipelineConfig):
+        assert config.policy is not None
+        envs = make_env(config.env, n_envs=1)
+        policy = make_policy(cfg=config.policy, env_cfg=config.env, rename_map=config.rename_map).eval()
+        overrides = {"rename_observations_processor": {"rename_map": config.rename_map}}
+        before, after = make_pre_post_processors(
+            config.policy, config.policy.pretrained_path, preprocessor_overrides=overrides
+        )
+        try:
+            return rollout(envs["dexflex"][0], policy, _same, _same, before, after, seeds=[1])["action"]
+        finally:
+            close_envs(envs)
+
+    return _run(monkeypatch, evaluate, "--env.type=dexflex", "--env.episode_length=2", *arguments)
+
+
+def _run(monkeypatch, command, *arguments):
+    register_third_party_plugins()
+    monkeypatch.setattr(sys, "argv", ["lerobot", *map(str, arguments)])
+    return command()
+
+
+def _same(value):
+    return value
