@@ -159,6 +159,7 @@ def load_checkpoint(
         errors: See `LeRobotController`.
     """
     # LeRobot takes seconds to import; only workers pay.
+    from draccus.utils import DraccusException
     from lerobot.configs import PreTrainedConfig
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
     from lerobot.utils.import_utils import register_third_party_plugins
@@ -168,7 +169,12 @@ def load_checkpoint(
     overrides = [f"--interface={interface}", f"--device={device}"]
     if interface_entry(interface).learned:
         overrides.append(f"--controller={controller_of(interface, controller)}")
-    config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
+    try:
+        config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
+    except (ValueError, DraccusException) as error:
+        raise DexFlexError(
+            f"{checkpoint / 'config.json'} holds settings that this version does not know: {error}"
+        ) from error
     config.pretrained_path = checkpoint
     with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.
         policy: Any = get_policy_class(config.type).from_pretrained(str(checkpoint), config=config)

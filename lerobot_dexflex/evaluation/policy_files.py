@@ -32,9 +32,9 @@ def check_policy_files(folder: Path) -> None:
         )
     for name in ("config.json", *_PROCESSORS):
         settings = _read_json(folder / name)
-        for step in settings.get("steps", []) if name in _PROCESSORS else []:
-            if "state_file" in step and not (folder / step["state_file"]).is_file():
-                raise _damaged(folder / name, f"its {step['state_file']} is missing")
+        for state in _state_files(folder / name, settings) if name in _PROCESSORS else []:
+            if not (folder / state).is_file():
+                raise _damaged(folder / name, f"its {state} is missing")
     for file in sorted(folder.glob("*.safetensors")):
         try:
             with safe_open(file, "pt"):
@@ -51,6 +51,16 @@ def _read_json(file: Path) -> dict:
     if not isinstance(settings, dict):
         raise _damaged(file, "it holds no settings")
     return settings
+
+
+def _state_files(file: Path, settings: dict) -> list[str]:
+    steps = settings.get("steps")
+    if not isinstance(steps, list) or not all(isinstance(step, dict) for step in steps):
+        raise _damaged(file, "its steps are no list of settings")
+    states = [step["state_file"] for step in steps if step.get("state_file") is not None]
+    if not all(isinstance(state, str) for state in states):
+        raise _damaged(file, "its steps are no list of settings, as a state_file is no name")
+    return states
 
 
 def _damaged(file: Path, why: str) -> DexFlexError:

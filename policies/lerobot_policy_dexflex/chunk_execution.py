@@ -52,7 +52,7 @@ class ChunkExecution:
             batch: Observation in raw units.
         """
         assert self._chunk is not None
-        # Mixed precision (--policy.use_amp=true) is for the networks that plan: 8 bits resolve a joint to 0.01 rad.
+        # --policy.use_amp=true is for the networks that plan: bfloat16 resolves a joint to 0.01 rad only.
         with torch.autocast(self._chunk.device.type, enabled=False):
             return self._step_in_full_precision(self._chunk, batch)
 

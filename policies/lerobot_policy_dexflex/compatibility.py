@@ -65,9 +65,7 @@ def _check_column(features: Mapping[str, Any], key: str, names: list[str], meani
             f"The elements of the dataset's {key!r} must be named {names}. Got {found}. {_REMEDY}"
         )
     if shape != (len(names),):
-        raise DexFlexError(
-            f"The dataset's {key!r} must have shape ({len(names)},). Got {shape}. {_REMEDY}"
-        )
+        raise DexFlexError(f"The dataset's {key!r} must have shape ({len(names)},). Got {shape}. {_REMEDY}")
 
 
 def check_told_environment(inputs: Shapes) -> None:
@@ -166,13 +164,17 @@ def _dataset_remedy(inputs: Shapes, offered: Shapes) -> str:
 
 def _environment_remedy(inputs: Shapes) -> str:
     """Say which environments of ours fit the policy."""
-    images = {key.removeprefix(f"{OBS_IMAGES}."): s for key, s in inputs.items() if key.startswith(OBS_IMAGES)}
+    images = {
+        key.removeprefix(f"{OBS_IMAGES}."): s for key, s in inputs.items() if key.startswith(OBS_IMAGES)
+    }
     remedy = f"It fits --env.task={'|'.join(_tasks_of(*inputs.get(OBS_STATE, (0,))).split(', '))}"
     if strangers := sorted(set(images) - set(CAMERAS)):
-        names = {f"{OBS_IMAGES}.{ours}": f"{OBS_IMAGES}.{key}" for ours, key in zip(CAMERAS, images, strict=False)}
+        names = {
+            f"{OBS_IMAGES}.{ours}": f"{OBS_IMAGES}.{key}" for ours, key in zip(CAMERAS, images, strict=False)
+        }
         return (
-            f"Its cameras {', '.join(strangers)} are none of ours ({', '.join(CAMERAS)}): say which is which, "
-            f"e.g. --rename_map='{json.dumps(names)}'. {remedy}."
+            f"Its cameras {', '.join(strangers)} are none of ours ({', '.join(CAMERAS)}): say which is "
+            f"which, e.g. --rename_map='{json.dumps(names)}'. {remedy}."
         )
     sizes = {size for shape in images.values() for size in shape[1:]}
     if len(sizes) == 1:

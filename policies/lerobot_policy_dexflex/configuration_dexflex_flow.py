@@ -200,7 +200,7 @@ class DexflexFlowConfig(PreTrainedConfig):
             channels, height, width = feature.shape
             if channels != 3 or height % 8 or width % 8:
                 raise DexFlexError(
-                    "dexflex_flow takes colour images (3 channels) whose height and width are multiples of 8. "
-                    f"Got {key} of {channels} channels, {height} x {width}. Record the dataset so, or train on "
-                    "its other cameras by naming them in --policy.input_features."
+                    "dexflex_flow takes images of 3 channels whose height and width are multiples of 8. "
+                    f"Got {key} of {channels} channels, {height} x {width}. "
+                    "Record the dataset again with such images."
                 )

@@ -109,7 +109,12 @@ def _option_names(entry_point: str) -> list[str]:
     module, name = entry_point.split(":")
     kind = getattr(import_module(module), name)
     inits = [signature(base.__init__) for base in kind.__mro__ if issubclass(base, gymnasium.Env)]
-    names = {parameter.name for init in inits for parameter in init.parameters.values() if parameter.default != parameter.empty}
+    names = {
+        parameter.name
+        for init in inits
+        for parameter in init.parameters.values()
+        if parameter.default != parameter.empty
+    }
     return sorted(names - {"render_mode"})
 
 

@@ -1,13 +1,13 @@
 """What the running LeRobot command was told but does not pass on to its policy.
 
-`lerobot-train` knows whether it resumes, which features it renames and where it evaluates. LeRobot reads its
-command line again wherever its configuration does not say enough (`lerobot.configs.parser`), and so does this.
-Outside of a command everything is untold: a policy that a program builds starts fresh and renames nothing.
+`lerobot-train` knows whether it resumes, which features it renames and where it evaluates. LeRobot reads
+its command line again wherever its configuration does not say enough (`lerobot.configs.parser`), and so does
+this. Outside of a command all is untold: a policy that a program builds starts fresh and renames nothing.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
 from lerobot.configs import parser
@@ -15,11 +15,9 @@ from lerobot.configs.train import TRAIN_CONFIG_NAME
 
 from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig
 
-Value = TypeVar("Value")
-
 
 def told(option: str) -> Any:
-    """Return the value of a dotted option, of the command line or else its configuration file; None if untold."""
+    """Return the value of a dotted option: of the command line, else of its --config_path, else None."""
     said = parser.parse_arg(option)
     if said is not None:
         return yaml.safe_load(said)
@@ -34,7 +32,7 @@ def resuming() -> bool:
     return told("resume") is True
 
 
-def renamed(features: Mapping[str, Value]) -> dict[str, Value]:
+def renamed[Value](features: Mapping[str, Value]) -> dict[str, Value]:
     """Return what belongs to features under the names that --rename_map gives them."""
     names = told("rename_map") or {}
     return {names.get(key, key): value for key, value in features.items()}

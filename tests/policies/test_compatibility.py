@@ -89,7 +89,9 @@ def test_settings_that_cannot_work_are_refused(settings, message):
 @pytest.fixture
 def pour_cup(tiny, tmp_path):
     """Return the folder of a policy that was trained on another task than the environment's default."""
-    policy = make_policy(DexflexFlowConfig(**tiny, interface="raw"), env_cfg=DexflexEnvConfig(task="PourCup-v0"))
+    policy = make_policy(
+        DexflexFlowConfig(**tiny, interface="raw"), env_cfg=DexflexEnvConfig(task="PourCup-v0")
+    )
     policy.config.tasks = [TASKS["PourCup-v0"].description]
     policy.save_pretrained(tmp_path)
     for processor in make_pre_post_processors(policy.config):
@@ -107,12 +109,23 @@ def pour_cup(tiny, tmp_path):
             r"--env.options='\{\"cameras\": \[\"front\", \"wrist\"\], \"image_size\": 96\}'",
         ),
         (['--env.options={"cameras": ["front"]}'], r"reads observation.images.wrist, which the environment"),
-        (['--env.options={"cameras": []}'], r"reads observation.images.front, observation.images.wrist, which"),
-        (['--env.options={"image_size": 128}'], r"front of shape \(3, 96, 96\), but .* shape \(3, 128, 128\)"),
-        (['--rename_map={"observation.images.front": "observation.images.top"}'], "reads observation.images.front"),
+        (
+            ['--env.options={"cameras": []}'],
+            r"reads observation.images.front, observation.images.wrist, which",
+        ),
+        (
+            ['--env.options={"image_size": 128}'],
+            r"front of shape \(3, 96, 96\), but .* shape \(3, 128, 128\)",
+        ),
+        (
+            ['--rename_map={"observation.images.front": "observation.images.top"}'],
+            "reads observation.images.front",
+        ),
     ],
 )
-def test_an_environment_that_does_not_fit_the_checkpoint_is_refused(pour_cup, monkeypatch, environment, message):
+def test_an_environment_that_does_not_fit_the_checkpoint_is_refused(
+    pour_cup, monkeypatch, environment, message
+):
     with pytest.raises(DexFlexError, match=message):
         begin_evaluation(monkeypatch, f"--policy.path={pour_cup}", *environment)
 
@@ -120,7 +133,7 @@ def test_an_environment_that_does_not_fit_the_checkpoint_is_refused(pour_cup, mo
 @pytest.mark.parametrize("task", [[], ["--env.task=AssembleTable-v0"]])
 def test_evaluating_another_task_than_the_trained_one_warns(pour_cup, monkeypatch, task):
     name = task[0].split("=")[1] if task else "PlaceHammer-v0"
-    message = rf"trained on 'Pour .*' \(PourCup-v0\), but is asked to do .* \({name}\). Valid --env.task: PourCup-v0"
+    message = rf"trained on 'Pour .*' \(PourCup-v0\), but is .* \({name}\). Valid --env.task: PourCup-v0"
     with pytest.warns(UserWarning, match=message):
         assert begin_evaluation(monkeypatch, f"--policy.path={pour_cup}", *task).shape == (1, 2, 23)
 
@@ -140,9 +153,13 @@ def test_a_training_notes_the_tasks_of_its_dataset(build):
 def test_a_program_that_brings_another_environment_gets_the_same_errors(build, observation):
     policy = build(interface="raw").eval()
     seen = {key: value for key, value in observation.items() if key != "observation.images.wrist"}
-    with pytest.raises(DexFlexError, match=r"reads observation.images.wrist.*fits --env.task=AssembleTable-v0"):
+    with pytest.raises(
+        DexFlexError, match=r"reads observation.images.wrist.*fits --env.task=AssembleTable-v0"
+    ):
         policy.select_action(seen)
-    with pytest.raises(DexFlexError, match=r"state of shape \(23,\), but the environment offers shape \(16,\)"):
+    with pytest.raises(
+        DexFlexError, match=r"state of shape \(23,\), but the environment offers shape \(16,\)"
+    ):
         policy.select_action(observation | {"observation.state": torch.zeros(4, 16)})
 
 
@@ -151,7 +168,9 @@ def test_a_checkpoint_whose_environment_has_another_action_is_refused(build, tmp
     policy.save_pretrained(tmp_path)
     config = PreTrainedConfig.from_pretrained(tmp_path)
     config.pretrained_path = tmp_path
-    with pytest.raises(DexFlexError, match=r"drives 23 joints, but .* \(16,\). Valid --env.task: AssembleTable-v0"):
+    with pytest.raises(
+        DexFlexError, match=r"drives 23 joints, but .* \(16,\). Valid --env.task: AssembleTable-v0"
+    ):
         make_policy(config, env_cfg=DexflexEnvConfig(task="Reach-v0"))
 
 

@@ -240,7 +240,9 @@ def test_training_under_mixed_precision_gives_a_finite_loss(build, samples):
         loss, _ = policy.forward(samples)
     loss.backward()
     assert torch.isfinite(loss)
-    assert all(torch.isfinite(value.grad).all() for value in policy.network.parameters() if value.grad is not None)
+    assert all(
+        torch.isfinite(value.grad).all() for value in policy.network.parameters() if value.grad is not None
+    )
 
 
 @pytest.mark.parametrize("damage", ["half", "empty", "missing", "other network", "a layer less", "nan"])

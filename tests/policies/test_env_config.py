@@ -54,7 +54,10 @@ def test_features_are_what_the_environment_offers_under_its_options(options, ima
         ({"cameras": 3}, r"must be a list of front, wrist. Got 3"),
         ({"image_size": "96"}, r"`image_size` .* must be a number of pixels. Got '96'"),
         ({"image_size": 0}, r"must be a number of pixels. Got 0"),
-        ({"camera": ["front"]}, r"PlaceHammer-v0 has no camera. Valid options: cameras, disturbance, image_size"),
+        (
+            {"camera": ["front"]},
+            r"PlaceHammer-v0 has no camera. Valid options: cameras, disturbance, image_size",
+        ),
     ],
 )
 def test_options_that_no_environment_has_are_refused(options, message):

@@ -35,7 +35,7 @@ def datasets(make_dataset, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def checkpoint(synthetic_dataset, tmp_path_factory):
-    """A checkpoint that looks like one after 5000 steps, with all that lerobot-train saves for a resumption."""
+    """A checkpoint that looks like one after 5000 steps, with what a resumption needs."""
     with pytest.MonkeyPatch.context() as patch:
         run = begin_training(
             patch, "--policy.type=dexflex_flow", *NETWORK, *LOCAL, f"--dataset.root={synthetic_dataset}"
@@ -87,9 +87,12 @@ def test_after_a_few_steps_of_fine_tuning_the_average_is_the_new_policy(fine_tun
             value.add_(1.0)
     for _ in range(10):
         tuned.update()
-    gap = torch.stack([
-        (a - b).abs().max() for a, b in zip(tuned.average.parameters(), tuned.network.parameters(), strict=True)
-    ])
+    gap = torch.stack(
+        [
+            (a - b).abs().max()
+            for a, b in zip(tuned.average.parameters(), tuned.network.parameters(), strict=True)
+        ]
+    )
     assert gap.max() < 1e-4  # With the old counter 99 % of the change would be missing.
 
 
@@ -126,7 +129,7 @@ def test_a_program_that_trains_from_a_checkpoint_starts_afresh_too(checkpoint, d
         ("other cameras", r"reads observation.images.front, observation.images.wrist, which the dataset does "
          r"not.*--rename_map='\{\"observation.images.side\": \"observation.images.front\", "
          r"\"observation.images.top\": \"observation.images.wrist\"\}', or train a new policy"),
-        ("one camera", r"reads observation.images.wrist, which the dataset does not offer.*Train a new policy"),
+        ("one camera", r"images.wrist, which the dataset does not offer.*Train a new policy"),
         ("large images", r"front of shape \(3, 96, 96\), but the dataset offers shape \(3, 128, 128\)"),
         ("hand alone", r"observation.state of shape \(23,\), but the dataset offers shape \(16,\)"),
         ("other names", r"lacks 'observation.tactile'.*It has: .*observation.touch"),
@@ -174,7 +177,12 @@ def test_a_rename_map_fits_a_dataset_to_a_checkpoint(checkpoint, datasets, monke
 def test_a_new_policy_takes_the_cameras_and_joints_of_its_dataset(datasets, monkeypatch, kind):
     robot = ["--policy.interface=raw"]
     run = begin_training(
-        monkeypatch, "--policy.type=dexflex_flow", *NETWORK, *LOCAL, *robot, f"--dataset.root={datasets[kind]}"
+        monkeypatch,
+        "--policy.type=dexflex_flow",
+        *NETWORK,
+        *LOCAL,
+        *robot,
+        f"--dataset.root={datasets[kind]}",
     )
     cameras = run.train_set.meta.camera_keys
     assert list(run.policy.config.image_features) == cameras
@@ -192,7 +200,7 @@ def test_a_new_policy_refuses_images_that_its_network_cannot_halve(datasets, mon
 
 
 def test_a_new_training_without_touch_does_not_recommend_a_rename_map(datasets, monkeypatch):
-    with pytest.raises(DexFlexError, match="Missing: observation.tactile") as error:
+    with pytest.raises(DexFlexError, match=r"Missing: observation\.tactile") as error:
         begin_training(
             monkeypatch, "--policy.type=dexflex_flow", *LOCAL, f"--dataset.root={datasets['other names']}"
         )
