@@ -143,7 +143,7 @@ def _compare(inputs: Shapes, offered: Shapes, source: str, remedy: str) -> None:
     if missing := [key for key in inputs if key not in offered]:
         raise DexFlexError(
             f"The policy reads {', '.join(missing)}, which {source} does not offer. "
-            f"It offers: {', '.join(sorted(offered))}. {remedy}"
+            f"It offers: {', '.join(sorted(set(offered) - {ACTION}))}. {remedy}"
         )
     for key, shape in inputs.items():
         if offered[key] != shape:

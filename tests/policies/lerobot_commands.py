@@ -3,11 +3,11 @@
 import sys
 from types import SimpleNamespace
 
-from lerobot.configs import parser
+from lerobot.configs import PreTrainedConfig, parser
 from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.datasets.factory import make_train_eval_datasets
-from lerobot.envs import close_envs, make_env
+from lerobot.envs import close_envs, make_env, make_env_pre_post_processors
 from lerobot.policies import make_policy, make_pre_post_processors
 from lerobot.scripts.lerobot_eval import rollout
 from lerobot.utils.import_utils import register_third_party_plugins
@@ -27,7 +27,7 @@ def begin_training(monkeypatch, *arguments):
         policy = make_policy(cfg=policy_config, ds_meta=train_set.meta, rename_map=config.rename_map)
         overrides = {"rename_observations_processor": {"rename_map": config.rename_map}}
         processors = make_pre_post_processors(
-            policy_config, policy_config.pretrained_path, preprocessor_overrides=overrides
+            policy_config, _path(policy_config), preprocessor_overrides=overrides
         )
         return SimpleNamespace(
             config=config, train_set=train_set, eval_set=eval_set, policy=policy, processors=processors
@@ -46,10 +46,13 @@ def begin_evaluation(monkeypatch, *arguments):
         policy = make_policy(cfg=config.policy, env_cfg=config.env, rename_map=config.rename_map).eval()
         overrides = {"rename_observations_processor": {"rename_map": config.rename_map}}
         before, after = make_pre_post_processors(
-            config.policy, config.policy.pretrained_path, preprocessor_overrides=overrides
+            config.policy, _path(config.policy), preprocessor_overrides=overrides
         )
+        env_before, env_after = make_env_pre_post_processors(config.env, config.policy)
         try:
-            return rollout(envs["dexflex"][0], policy, _same, _same, before, after, seeds=[1])["action"]
+            return rollout(envs["dexflex"][0], policy, env_before, env_after, before, after, seeds=[1])[
+                "action"
+            ]
         finally:
             close_envs(envs)
 
@@ -62,5 +65,5 @@ def _run(monkeypatch, command, *arguments):
     return command()
 
 
-def _same(value):
-    return value
+def _path(config: PreTrainedConfig) -> str | None:
+    return str(config.pretrained_path) if config.pretrained_path else None

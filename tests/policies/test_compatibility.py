@@ -89,10 +89,8 @@ def test_settings_that_cannot_work_are_refused(settings, message):
 @pytest.fixture
 def pour_cup(tiny, tmp_path):
     """Return the folder of a policy that was trained on another task than the environment's default."""
-    policy = make_policy(
-        DexflexFlowConfig(**tiny, interface="raw"), env_cfg=DexflexEnvConfig(task="PourCup-v0")
-    )
-    policy.config.tasks = [TASKS["PourCup-v0"].description]
+    config = DexflexFlowConfig(**tiny, interface="raw", tasks=[TASKS["PourCup-v0"].description])
+    policy = make_policy(config, env_cfg=DexflexEnvConfig(task="PourCup-v0"))
     policy.save_pretrained(tmp_path)
     for processor in make_pre_post_processors(policy.config):
         processor.save_pretrained(tmp_path)

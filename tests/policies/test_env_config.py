@@ -39,8 +39,11 @@ def test_features_are_what_the_environment_offers_under_its_options(options, ima
     seen = {key: ft.shape for key, ft in features.items() if key.startswith("observation.images.")}
     assert seen == {f"observation.images.{name}": (3, size, size) for name, size in images.items()}
     vector = config.create_envs(1)["dexflex"][0]
-    offered = vector.single_observation_space.spaces.get("pixels", {})
-    assert {name: space.shape for name, space in offered.items()} == {
+    offered = vector.single_observation_space
+    assert isinstance(offered, gymnasium.spaces.Dict)
+    pixels = offered.spaces.get("pixels", gymnasium.spaces.Dict())
+    assert isinstance(pixels, gymnasium.spaces.Dict)
+    assert {name: space.shape for name, space in pixels.items()} == {
         name: (size, size, 3) for name, size in images.items()
     }
     vector.close()

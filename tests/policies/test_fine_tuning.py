@@ -10,6 +10,7 @@ from lerobot_commands import begin_training
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.model import HAND_JOINTS
+from lerobot_policy_dexflex.modeling_dexflex_flow import DexflexFlowPolicy
 
 NETWORK = ["--policy.dim=32", "--policy.n_layers=1", "--policy.n_heads=2", "--policy.n_keypoints=8"]
 LOCAL = ["--policy.device=cpu", "--policy.push_to_hub=false"]
@@ -120,7 +121,11 @@ def test_a_program_that_trains_from_a_checkpoint_starts_afresh_too(checkpoint, d
     config.pretrained_path = checkpoint
     meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=datasets["elsewhere"])
     policy = make_policy(config, ds_meta=meta)
+    assert isinstance(policy, DexflexFlowPolicy)
     assert policy.updates.item() == 0
+    assert meta.stats is not None
+    mean = torch.as_tensor(meta.stats["observation.state"]["mean"], dtype=torch.float32)
+    assert torch.equal(policy.normalization.state.mean, mean)
 
 
 @pytest.mark.parametrize(
