@@ -171,7 +171,7 @@ def _build(reader: DatasetReader, gigabytes: float) -> DatasetCache | None:
 
 def _warn(root: Path, reason: str) -> None:
     logger.warning(
-        "Dataset %s is not cached: %s. Loading stays slow: 10-20 ms a sample with two cameras instead of 0.5.",
+        "Dataset %s is not cached: %s. Loading stays slow: 10-20 ms a sample of two cameras, not 0.5.",
         root,
         reason,
     )

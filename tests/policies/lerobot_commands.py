@@ -7,6 +7,7 @@ from lerobot.configs import PreTrainedConfig, parser
 from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.datasets.factory import make_train_eval_datasets
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.envs import close_envs, make_env, make_env_pre_post_processors
 from lerobot.policies import make_policy, make_pre_post_processors
 from lerobot.scripts.lerobot_eval import rollout
@@ -16,22 +17,21 @@ REPOSITORY = "--dataset.repo_id=lerobot-dexflex/synthetic"
 
 
 def begin_training(monkeypatch, *arguments):
-    """Return configuration, datasets, policy and processors of `lerobot-train <arguments>`."""
+    """Return configuration, dataset, policy and processors of `lerobot-train <arguments>`."""
 
     @parser.wrap()
     def train(config: TrainPipelineConfig):
         config.validate()
         policy_config = config.policy
         assert policy_config is not None
-        train_set, eval_set = make_train_eval_datasets(config)
+        train_set, _ = make_train_eval_datasets(config)
+        assert isinstance(train_set, LeRobotDataset)
         policy = make_policy(cfg=policy_config, ds_meta=train_set.meta, rename_map=config.rename_map)
         overrides = {"rename_observations_processor": {"rename_map": config.rename_map}}
         processors = make_pre_post_processors(
             policy_config, _path(policy_config), preprocessor_overrides=overrides
         )
-        return SimpleNamespace(
-            config=config, train_set=train_set, eval_set=eval_set, policy=policy, processors=processors
-        )
+        return SimpleNamespace(config=config, train_set=train_set, policy=policy, processors=processors)
 
     return _run(monkeypatch, train, REPOSITORY, "--dataset.video_backend=pyav", "--num_workers=0", *arguments)
 
@@ -50,9 +50,8 @@ def begin_evaluation(monkeypatch, *arguments):
         )
         env_before, env_after = make_env_pre_post_processors(config.env, config.policy)
         try:
-            return rollout(envs["dexflex"][0], policy, env_before, env_after, before, after, seeds=[1])[
-                "action"
-            ]
+            data = rollout(envs["dexflex"][0], policy, env_before, env_after, before, after, seeds=[1])
+            return data["action"]
         finally:
             close_envs(envs)
 
