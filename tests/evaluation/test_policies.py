@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -171,7 +172,7 @@ def test_a_comparison_without_its_controller_is_refused(policies, tmp_path):
 
 
 def test_the_card_of_a_checkpoint_is_not_its_version_but_its_configuration_is(policies, tmp_path):
-    (tmp_path / "model.safetensors").write_bytes((policies.draft / "model.safetensors").read_bytes())
+    shutil.copytree(policies.draft, tmp_path, dirs_exist_ok=True)
     config = json.loads((policies.draft / "config.json").read_text())
     copied = LeRobotPolicies(tmp_path, tmp_path)
     (tmp_path / "config.json").write_text(json.dumps(config))
