@@ -10,6 +10,7 @@ from lerobot_dexflex.experts import expert_module
 from lerobot_dexflex.interfaces import interface_entry
 from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
 from lerobot_dexflex.recording.operation import checked_interface
+from lerobot_dexflex.recording.repo import check_repo_id
 
 LARGEST_NOISE = 0.02
 """Of `glove_noise` [m]: a fingertip's size."""
@@ -44,7 +45,7 @@ class RecordConfig:
     root: Path = Path("outputs/recording")
     """Folder of the dataset; must not exist, or must hold an unfinished recording of the same recipe."""
     repo_id: str = ""
-    """Name on the Hub; empty means `lerobot-dexflex/<name of the root folder>`."""
+    """Name on the Hub, one that it allows; empty means `lerobot-dexflex/<name of the root folder>`."""
     workers: int = 2
     """Worker processes; 0 records in this process. The data do not depend on it."""
     max_attempts: int = 0
@@ -84,10 +85,11 @@ class RecordConfig:
                 "0 chooses twice the episodes plus 10."
             )
         self.root = Path(self.root)
+        if not self.root.resolve().name:
+            raise DexFlexError(f"`root` must be a folder with a name. Got {self.root}.")
         if not self.repo_id:
             self.repo_id = f"lerobot-dexflex/{self.root.resolve().name}"
-        if self.repo_id.count("/") != 1 or not all(self.repo_id.split("/")):
-            raise DexFlexError(f"`repo_id` must look like 'user/dataset'. Got {self.repo_id!r}.")
+        check_repo_id(self.repo_id)
 
     @property
     def controller_digest(self) -> str:
