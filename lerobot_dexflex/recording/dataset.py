@@ -29,7 +29,7 @@ from lerobot_dexflex.recording.schema import FPS, columns, lerobot_features, rob
 from lerobot_dexflex.recording.staging import RECORD_FILE
 
 _KERNELS = "SSE2" if platform.machine() in ("x86_64", "AMD64") else "0"
-"""Of x264: with its AVX-512 kernels, videos as narrow as ours get other bytes each time; these agree with C."""
+"""Of x264: its AVX-512 kernels give other bytes each time in videos as narrow as ours; these do as C does."""
 _FAILED_WRITES = (OSError, RuntimeError, pa.ArrowException, DamagedDatasetError)
 """As what a full disk comes: encoder threads raise RuntimeError, or nothing, and then frames are missing."""
 _RECIPE_HEADER = """\

@@ -156,7 +156,7 @@ def _files(
 ) -> dict[Path, pd.DataFrame]:
     """Return the files that the index names, each with the rows of its episodes."""
     with reading(root, Path("meta/episodes")):
-        where = [f"{prefix}/chunk_index", f"{prefix}/file_index"]
+        where = [episodes[f"{prefix}/{part}_index"] for part in ("chunk", "file")]
         return {
             Path(template.format(chunk_index=int(key[0]), file_index=int(key[1]), video_key=video_key)): rows
             for key, rows in episodes.groupby(where)  # pyright: ignore[reportGeneralTypeIssues]

@@ -69,13 +69,13 @@ def open_staging(config: RecordConfig) -> Path:
         for leftover in staging.glob("*.tmp"):  # Of a process that was killed: this folder is ours alone.
             leftover.unlink()
         return staging
-    if staging.exists() and any(staging.iterdir()):
+    temporary = manifest.with_suffix(".json.tmp")
+    if staging.exists() and (not staging.is_dir() or set(staging.iterdir()) - {temporary}):
         raise DexFlexError(
             f"{staging} exists and is no staging folder of dexflex-record. Choose another --root, or move it "
             "away; nothing was changed."
         )
     staging.mkdir(parents=True, exist_ok=True)
-    temporary = manifest.with_suffix(".json.tmp")
     origin = {"code": code_digest(config.modules), "controller": config.controller_digest}
     temporary.write_text(json.dumps({"recipe": config.to_dict(), **origin}, indent=2))
     temporary.replace(manifest)
