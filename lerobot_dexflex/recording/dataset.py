@@ -165,7 +165,9 @@ def _write_episodes(
         dataset.finalize()
     except BaseException:
         if dataset.writer is not None:
-            dataset.writer.cancel_pending_videos()  # Else its threads go on writing.
+            dataset.writer.cancel_pending_videos()  # Else its threads go on writing, ...
+        with contextlib.suppress(Exception):
+            dataset.meta.finalize()  # ... and it writes its index once it is forgotten.
         raise
 
 
