@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import av
+import av.error
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -17,7 +18,7 @@ from lerobot_dexflex.errors import DexFlexError
 INFO_FILE = Path("meta/info.json")
 STATS_FILE = Path("meta/stats.json")
 TASKS_FILE = Path("meta/tasks.parquet")
-DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, pa.ArrowException, av.FFmpegError)
+DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, pa.ArrowException, av.error.FFmpegError)
 """What readers of damaged files raise."""
 _COUNTS = ("total_episodes", "total_frames", "total_tasks", "fps")
 
@@ -156,11 +157,11 @@ def _files(
 ) -> dict[Path, pd.DataFrame]:
     """Return the files that the index names, each with the rows of its episodes."""
     with reading(root, Path("meta/episodes")):
-        where = [episodes[f"{prefix}/{part}_index"] for part in ("chunk", "file")]
-        return {
-            Path(template.format(chunk_index=int(key[0]), file_index=int(key[1]), video_key=video_key)): rows
-            for key, rows in episodes.groupby(where)  # pyright: ignore[reportGeneralTypeIssues]
-        }
+        columns = (f"{prefix}/chunk_index", f"{prefix}/file_index")
+        numbers = zip(*(episodes[column].astype(int) for column in columns), strict=True)
+        names = [template.format(chunk_index=c, file_index=f, video_key=video_key) for c, f in numbers]
+        by_name = episodes.groupby(pd.Series(names, episodes.index))
+        return {Path(str(name)): rows for name, rows in by_name}
 
 
 def _check_stats(stats: dict[str, Any], info: dict[str, Any], videos: list[str]) -> None:
