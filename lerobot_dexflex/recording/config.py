@@ -8,6 +8,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module
 from lerobot_dexflex.interfaces.method import Method, require_drafts
+from lerobot_dexflex.recording.repo import check_repo_id
 from lerobot_dexflex.runs.provenance import weights_digest
 
 LARGEST_NOISE = 0.02
@@ -43,7 +44,7 @@ class RecordConfig:
     root: Path = Path("outputs/recording")
     """Folder of the dataset; must not exist, or must hold an unfinished recording of the same recipe."""
     repo_id: str = ""
-    """Name on the Hub; empty means `lerobot-dexflex/<name of the root folder>`."""
+    """Name on the Hub, one that it allows; empty means `lerobot-dexflex/<name of the root folder>`."""
     workers: int = 2
     """Worker processes; 0 records in this process. The data do not depend on it."""
     max_attempts: int = 0
@@ -83,10 +84,11 @@ class RecordConfig:
                 "0 chooses twice the episodes plus 10."
             )
         self.root = Path(self.root)
+        if not self.root.resolve().name:
+            raise DexFlexError(f"`root` must be a folder with a name. Got {self.root}.")
         if not self.repo_id:
             self.repo_id = f"lerobot-dexflex/{self.root.resolve().name}"
-        if self.repo_id.count("/") != 1 or not all(self.repo_id.split("/")):
-            raise DexFlexError(f"`repo_id` must look like 'user/dataset'. Got {self.repo_id!r}.")
+        check_repo_id(self.repo_id)
 
     @property
     def controller_digest(self) -> str:
