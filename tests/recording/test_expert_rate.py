@@ -42,7 +42,10 @@ def test_attempts_of_another_first_seed_are_other_episodes(tmp_path):
     ran = []
     measure(tmp_path / "tasks.csv", episodes=4)
     measure(
-        tmp_path / "tasks.csv", lambda index: ran.append(index) or every_fourth_fails(index), episodes=4, seed=102
+        tmp_path / "tasks.csv",
+        lambda index: ran.append(index) or every_fourth_fails(index),
+        episodes=4,
+        seed=102,
     )
     assert ran == [0, 1, 2, 3]
 

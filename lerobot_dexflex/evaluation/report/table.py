@@ -121,7 +121,9 @@ def about(summary: Summary) -> str:
 def rates_markdown(summary: Summary) -> str:
     """Return success by method and column, and the paired tests over all episodes in a sentence."""
     rows = [[f"`{name}`", *cells] for name, *cells in rate_rows(summary)]
-    tests = f" Exact McNemar tests over all episodes (Holm): {tests_sentence(summary)}" if summary.tests else ""
+    tests = (
+        f" Exact McNemar tests over all episodes (Holm): {tests_sentence(summary)}" if summary.tests else ""
+    )
     return (
         as_markdown(["interface", *rate_header(summary)[1:]], rows)
         + f"\n\nSuccess with Wilson 95 % intervals; {_episodes(summary)} paired episodes per cell.{tests}"
