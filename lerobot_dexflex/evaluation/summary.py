@@ -81,9 +81,9 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
 
 def grown(origins: pd.DataFrame) -> frozenset[str]:
     """Return the versions of `runs.csv` whose rows come from more than one command: n may have grown."""
-    commands = origins.fillna("").groupby(["version", "method"])[["command", "commit"]]
-    counts = commands.apply(lambda runs: len(runs.drop_duplicates()))
-    return frozenset(version for (version, _), count in counts.items() if count > 1)
+    distinct = origins.fillna("").drop_duplicates(["version", "method", "command", "commit"])
+    again = distinct.duplicated(["version", "method"])
+    return frozenset(distinct.loc[again, "version"])
 
 
 def summarise(

@@ -7,9 +7,12 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Motion
+from lerobot_dexflex.runs.provenance import Version
 
-ENV_ID = "dexflex_fake/Count-v0"
+NAMESPACE, TASKS = "dexflex_fake", ("Count-v0", "Recount-v0")
+ENV_ID = f"{NAMESPACE}/{TASKS[0]}"
 
 
 class CountEnv(gymnasium.Env):
@@ -30,8 +33,8 @@ class CountEnv(gymnasium.Env):
     )
     action_space = spaces.Box(-10, 10, (2,), np.float32)
 
-    def __init__(self, render_mode=None):
-        self.render_mode = render_mode
+    def __init__(self, render_mode=None, cameras=("front",), disturbance="none"):
+        self.render_mode, self.disturbance = render_mode, disturbance
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -39,7 +42,8 @@ class CountEnv(gymnasium.Env):
         return self._observe(), self._info(dropped=False)
 
     def step(self, action):
-        self.value = min(1.0, self.value + float(action[0]) / 10)
+        weight = 4 if self.disturbance == "heavy" else 1
+        self.value = min(1.0, self.value + float(action[0]) / 10 / weight)
         info = self._info(dropped=action[0] < 0)
         return self._observe(), 0.0, info["is_success"] or info["dropped"], False, info
 
@@ -66,8 +70,10 @@ class CountEnv(gymnasium.Env):
 
 
 def register():
-    if ENV_ID not in gymnasium.registry:
-        gymnasium.register(ENV_ID, entry_point="evaluation_fakes:CountEnv", max_episode_steps=8)
+    for task in TASKS:
+        if f"{NAMESPACE}/{task}" not in gymnasium.registry:
+            entry = "evaluation_fakes:CountEnv"
+            gymnasium.register(f"{NAMESPACE}/{task}", entry_point=entry, max_episode_steps=8)
 
 
 class FakeController:
@@ -94,14 +100,19 @@ class FakeController:
 
 
 @dataclass(frozen=True)
-class FakePolicies:
-    weights: str = "a"
+class FakePlayers:
+    weights: tuple[tuple[str, str], ...] = ()
+    """Of methods that are not `a`."""
 
-    def __call__(self, interface):
-        return FakeController(interface)
+    def __call__(self, method, errors):
+        return FakeController(method)
 
-    def identity(self, interfaces):
-        return {"checkpoint.fake": self.weights}
+    def check(self, methods):
+        if strangers := set(methods) - {"good", "lucky", "still"}:
+            raise DexFlexError(f"No {strangers}.")
+
+    def version(self, method, task, **settings):
+        return Version("code", dict(self.weights).get(method, "a"), f"{method} {task} {settings}")
 
 
 # Worker processes import this module to unpickle the policies, and so know the environment too.

@@ -13,38 +13,40 @@ def script(load_script):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--task", "PourTea-v0"], f"Unknown task 'PourTea-v0'. Valid tasks: {', '.join(TASKS)}."),
+        (["--tasks=PourTea-v0"], f"Unknown task 'PourTea-v0'. Valid tasks: {', '.join(TASKS)}."),
+        (["--methods=joint,telepathy"], "Unknown interface 'telepathy'"),
         (
-            ["--interfaces", "joint", "telepathy"],
-            "Unknown interface 'telepathy'. Valid interfaces: joint, raw, filter",
+            ["--joint_policy=/nowhere"],
+            "No joint checkpoint at /nowhere: config.json, model.safetensors not found. Give --joint_policy=",
         ),
+        (["--workers=-1"], "`workers` must not be negative. Got -1."),
+        (["--episodes=-1"], "`episodes` must not be negative. Got -1."),
+        (["--episodes=3", "--batch_size=2"], "fill batches of 2"),
+        (["--policies=dexflex"], "must look like dexflex=<folder>,raw=<folder>. Got 'dexflex'"),
+        (["--policies=telepathy=x"], "Unknown interface 'telepathy'"),
+        (["--policies=raw=x,raw=y"], "`policies` holds raw twice"),
+        (["--policies=raw=/nowhere", "--methods=raw"], "No draft checkpoint at /nowhere"),
+        (["--backbone=x", "--policies=raw=y"], "Give one of --operator, --backbone, which serves all"),
+        (["--backbone=/nowhere"], "No checkpoint at /nowhere"),
+        (["--operator", "--policies=raw=y"], "Give one of --operator, --backbone"),
+        (["--operator", "--methods=joint"], "one that reads drafts: raw, filter"),
+        (["--tasks=PourCup-v0,PlaceHammer-v0", "--backbone=x"], "A policy learned one task"),
+        (["--conditions=removal_-1mm"], "Got -0.001"),
         (
-            ["--joint-policy", "/nowhere"],
-            "No joint checkpoint at /nowhere: config.json, model.safetensors not found",
+            ["--conditions=windy"],
+            "Unknown word 'windy' in the condition 'windy'. Valid, joined by `+`: clean",
         ),
-        (["--workers", "-1"], "`--workers` must not be negative. Got -1."),
-        (["--episodes", "0"], "`episodes` must be at least 1. Got 0."),
-        (["--policy", "dexflex"], "must look like dexflex=<folder pretrained_model>. Got 'dexflex'"),
-        (["--policy", "telepathy=x"], "Unknown interface 'telepathy'"),
-        (["--policy", "raw=x", "--policy", "raw=y"], "`--policy` is given twice for raw: x and y"),
-        (["--policy", "raw=/nowhere"], "No draft checkpoint at /nowhere"),
-        (["--backbone", "x", "--policy", "raw=y"], "Give one of --operator, --backbone, which serves all"),
-        (["--operator", "--policy", "raw=y"], "Give one of --operator, --backbone"),
-        (["--operator", "--interfaces", "joint"], "one that reads drafts: raw, filter"),
-        (["--command-removal", "-1"], "`command_removal` must be 0 or more [m]. Got -1.0"),
-        (
-            ["--interfaces", "dexgen@4"],
-            "An interface's gain must be in (0, 1], as in dexgen@0.4. Got 'dexgen@4'",
-        ),
-        (["--interfaces", "joint@0.5"], "Only displacements can be scaled; 'joint' executes joint targets."),
-        (["--disturbance", "windy"], "Unknown disturbance 'windy'. Valid: none, heavy"),
+        (["--methods=dexgen@4"], "An interface's gain must be in (0, 1], as in dexgen@0.4. Got 'dexgen@4'"),
+        (["--methods=joint@0.5"], "Only displacements can be scaled; 'joint' executes joint targets."),
     ],
 )
-def test_bad_input_gets_one_clear_line(script, capsys, arguments, message):
-    assert script.main(arguments) == 2
+def test_bad_input_gets_one_clear_line(script, capsys, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    assert script.main(arguments) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: ")
     assert message in error
+    assert not any(tmp_path.iterdir())
 
 
 def test_the_shipped_checkpoints_are_named_after_the_task(script):
@@ -55,8 +57,16 @@ def test_the_shipped_checkpoints_are_named_after_the_task(script):
     )
 
 
+def test_rows_are_labelled_by_who_acts(script):
+    assert script.build(script.Config(methods="raw")).label == ""
+    assert script.build(script.Config(methods="raw", operator=True)).label == "operator"
+    assert script.build(script.Config(methods="raw", label="glove")).label == "glove"
+    folder = script.shipped("PlaceHammer-v0", "draft")
+    assert script.build(script.Config(methods="raw", backbone=folder)).label == "dexflex_flow"
+
+
 def test_the_demo_suggests_the_command_that_extends_it(script, monkeypatch):
     monkeypatch.setattr(script.sys, "executable", str(Path.cwd() / ".venv/bin/python"))
-    assert script.next_command(["--seed", "7", "--demo"]) == (
-        ".venv/bin/python eval/compare_interfaces.py --seed 7 --episodes 100"
+    assert script.next_command(["--seed=7", "--demo=true"]) == (
+        ".venv/bin/python eval/compare_interfaces.py --seed=7 --episodes=100"
     )

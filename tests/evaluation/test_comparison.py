@@ -1,66 +1,116 @@
-import dataclasses
+"""Methods meet the same episodes; rows join and leave a table freely; nothing that is there runs again."""
 
-import numpy as np
+import dataclasses
+import random
+import shutil
+
+import pandas as pd
 import pytest
-from evaluation_fakes import ENV_ID, FakeController, FakePolicies
+from evaluation_fakes import NAMESPACE, TASKS, FakeController, FakePlayers
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation import rollout
 from lerobot_dexflex.evaluation.comparison import Comparison, compare
+from lerobot_dexflex.evaluation.report.page import write_report
 from lerobot_dexflex.evaluation.summary import summarise
+from lerobot_dexflex.runs.table import KEY, Table, read
 
-INTERFACES = ("good", "lucky", "still")
+METHODS = ("good", "lucky", "still")
 
 
 @pytest.fixture
 def comparison(tmp_path):
-    return Comparison(ENV_ID, INTERFACES, FakePolicies(), tmp_path / "out", episodes=6, seed=10, videos=0)
+    return Comparison(
+        {TASKS[0]: FakePlayers()}, METHODS, tmp_path / "out", seeds=range(10, 16), namespace=NAMESPACE
+    )
 
 
-def content(result):
-    """Everything but when and by whom."""
-    return {key: value for key, value in result.items() if key != "provenance"}
+@pytest.fixture
+def ran(monkeypatch):
+    """Return what runs from here on, as (task, method, condition, seeds)."""
+    found = []
+    run_job = rollout.run_job
+
+    def spy(players, method, env_id, condition, seeds, *rest):
+        found.append((env_id.partition("/")[2], method, condition.name, tuple(seeds)))
+        return run_job(players, method, env_id, condition, seeds, *rest)
+
+    monkeypatch.setattr("lerobot_dexflex.evaluation.comparison.run_job", spy)
+    return found
 
 
 def run(comparison, workers=0):
     return compare(comparison, workers, quiet=True)
 
 
-def elsewhere(comparison, tmp_path, **changes):
-    return dataclasses.replace(comparison, output=tmp_path / "elsewhere", **changes)
+def changed(comparison, **changes):
+    return dataclasses.replace(comparison, **changes)
 
 
-def test_all_interfaces_meet_the_same_seeds_and_noise(comparison):
-    result, outcomes = run(comparison)
-    for name in INTERFACES:
-        assert [o.seed for o in outcomes if o.interface == name] == [10, 11, 12, 13, 14, 15]
+def test_all_methods_meet_the_same_seeds_and_noise(comparison):
+    rows = run(comparison)
+    for name in METHODS:
+        assert rows.loc[rows["method"] == name, "seed"].tolist() == [10, 11, 12, 13, 14, 15]
     # Even seeds draw the same speeds under `good` and `lucky`, hence end after the same steps.
-    steps = {(o.interface, o.seed): o.steps for o in outcomes}
+    steps = rows.set_index(["method", "seed"])["steps"]
     assert all(steps["good", seed] == steps["lucky", seed] for seed in (10, 12, 14))
-    assert result["seeds"] == [10, 15]
+    assert rows["success"].sum() == 9
 
 
-def test_the_summary_holds_the_rates_tests_and_metrics_derived_by_hand(comparison):
-    result, _ = run(comparison)
-    rates = {name: numbers["n_success"] for name, numbers in result["per_interface"].items()}
-    assert rates == {"good": 6, "lucky": 3, "still": 0}
-    first = result["pairwise"][0]
-    # good vs lucky: 3 discordant pairs, all for `good`: p = 2 / 2^3. The family also has 2 / 2^6 and 2 / 2^3.
-    assert (first["only_first"], first["only_second"], first["p_value"]) == (3, 0, 0.25)
-    assert result["pairwise"][1]["p_value_holm"] == pytest.approx(3 * 2 / 2**6)
-    assert first["p_value_holm"] == pytest.approx(0.5)
-    assert result["per_interface"]["lucky"]["drops"]["mean"] == 0.5
-    assert result["per_interface"]["lucky"]["endings"] == {"success": 3, "dropped": 3, "time out": 0}
-    assert result["per_interface"]["still"]["completion_time"] is None
-    # |0 - d| / (|d| + 1e-6) with |d| = 0.001 sqrt(12)
-    size = 0.001 * np.sqrt(12)
-    assert result["per_interface"]["still"]["intervention"]["mean"] == pytest.approx(
-        size / (size + 1e-6), abs=1e-6
+def test_tasks_and_conditions_run_in_one_command(comparison, ran):
+    players = {task: FakePlayers() for task in TASKS}
+    rows = run(changed(comparison, players=players, conditions=("clean", "heavy"), methods=("good",)))
+    assert len(rows) == 2 * 2 * 6
+    assert {(task, condition) for task, _, condition, _ in ran} == {
+        (task, condition) for task in TASKS for condition in ("clean", "heavy")
+    }
+    rates = rows.groupby("condition")["success"].mean()
+    assert rates["clean"] == 1.0
+    assert rates["heavy"] < 1.0
+
+
+def test_adding_methods_tasks_or_episodes_runs_only_them(comparison, ran):
+    run(changed(comparison, methods=("good",), seeds=range(10, 13)))
+    ran.clear()
+    run(changed(comparison, methods=("good", "lucky"), seeds=range(10, 13)))
+    assert {method for _, method, _, _ in ran} == {"lucky"}
+    ran.clear()
+    rows = run(changed(comparison, methods=("good",)))
+    assert [seeds for *_, seeds in ran] == [(13,), (14,), (15,)]
+    assert len(rows) == 6
+
+
+def test_only_the_method_whose_version_changed_runs_again(comparison, ran):
+    before = run(comparison)
+    ran.clear()
+    players = {TASKS[0]: FakePlayers((("lucky", "b"),))}
+    rows = run(changed(comparison, players=players))
+    assert {method for _, method, _, _ in ran} == {"lucky"}
+    assert len(read(comparison.table)) == 18 + 6
+    assert set(rows["version"]) - set(before["version"]) == set(
+        rows.loc[rows["method"] == "lucky", "version"]
     )
+    origins = Table(comparison.table).origins()
+    assert origins["weights"].tolist() == ["a", "a", "a", "b"]
 
 
-def test_an_interrupted_comparison_continues_to_the_same_result(comparison, tmp_path, monkeypatch):
-    whole, _ = run(comparison)
-    partial = elsewhere(comparison, tmp_path)
+def test_folders_merge_by_concatenating_their_files(comparison, ran, tmp_path):
+    here = changed(comparison, methods=("good",))
+    there = changed(comparison, methods=("lucky", "still"), output=tmp_path / "there")
+    run(here)
+    run(there)
+    ran.clear()
+    with here.table.open("a") as file:
+        file.write(there.table.read_text())
+    rows = run(comparison)
+    assert ran == []
+    assert sorted(rows["method"].unique()) == sorted(METHODS)
+    assert summarise(rows, METHODS).rates["lucky", TASKS[0]].n_success == 3
+
+
+def test_an_interrupted_comparison_continues_to_the_same_rows(comparison, tmp_path, monkeypatch):
+    whole = run(comparison)
+    partial = changed(comparison, output=tmp_path / "elsewhere")
     act, calls = FakeController.act, iter(range(10_000))
 
     def interrupted(self, observation, task):
@@ -72,56 +122,98 @@ def test_an_interrupted_comparison_continues_to_the_same_result(comparison, tmp_
     with pytest.raises(KeyboardInterrupt):
         run(partial)
     monkeypatch.setattr(FakeController, "act", act)
-    finished = len((partial.output / "episodes.jsonl").read_text().splitlines())
-    assert 0 < finished < 18
-    resumed, _ = run(partial)
-    assert content(resumed) == content(whole)
-    assert [s["episodes_run"] for s in resumed["provenance"]["sessions"]] == [finished, 18 - finished]
+    assert 0 < len(read(partial.table)) < 18
+    pd.testing.assert_frame_equal(run(partial), whole)
 
 
-def test_worker_processes_change_no_bit(comparison, tmp_path):
-    here, _ = run(comparison)
-    workers, _ = run(elsewhere(comparison, tmp_path), workers=2)
-    assert content(workers) == content(here)
+def test_worker_processes_change_no_row(comparison, tmp_path):
+    here = run(comparison)
+    there = run(changed(comparison, output=tmp_path / "elsewhere"), workers=2)
+    pd.testing.assert_frame_equal(there, here)
 
 
-def test_more_episodes_extend_a_comparison(comparison):
-    run(dataclasses.replace(comparison, episodes=2))
-    result, outcomes = run(comparison)
-    assert len(outcomes) == 18
-    assert [s["episodes_run"] for s in result["provenance"]["sessions"]] == [6, 12]
+def test_a_label_tells_policies_apart(comparison):
+    run(changed(comparison, methods=("good",)))
+    rows = run(changed(comparison, methods=("good",), label="act"))
+    assert set(rows["method"]) == {"act/good"}
+    assert set(read(comparison.table)["method"]) == {"good", "act/good"}
 
 
-def test_a_group_that_grew_is_run_again(comparison):
-    batched = dataclasses.replace(comparison, batch_size=4)
-    run(dataclasses.replace(batched, episodes=6))
-    result, outcomes = run(dataclasses.replace(batched, episodes=8))
-    assert [s["episodes_run"] for s in result["provenance"]["sessions"]] == [18, 12]
-    assert sorted(o.episode for o in outcomes if o.interface == "good") == list(range(8))
+def test_batches_are_other_versions_by_where_they_begin(comparison):
+    versions = [
+        changed(comparison, batch_size=size, seeds=range(first, first + 6)).versions()[TASKS[0], "good"].name
+        for size, first in ((1, 10), (1, 11), (2, 10), (2, 11), (2, 12))
+    ]
+    assert versions[0] == versions[1]
+    assert versions[2] == versions[4]
+    assert len(set(versions)) == 3
 
 
 @pytest.mark.parametrize(
-    ("change", "named"),
+    ("change", "message"),
     [
-        ({"seed": 11}, "seed: 10 in the folder, 11 now"),
-        ({"policies": FakePolicies("b")}, "checkpoint.fake: 'a'"),
+        ({"seeds": range(0)}, "`episodes` must be at least 1"),
+        ({"batch_size": 0}, "`batch_size` must be at least 1"),
+        ({"batch_size": 4}, "fill batches of 4"),
+        ({"seeds": range(-1, 5)}, "must not be negative"),
+        ({"methods": ("good", "good")}, "`methods` must be one or more different names"),
+        ({"conditions": ()}, "`conditions` must be one or more"),
+        ({"conditions": ("rain",)}, "Unknown word 'rain'"),
+        ({"conditions": ("heavy+removal_2mm",)}, r"Write .* as 'removal_2mm\+heavy'"),
+        ({"conditions": ("unverified",)}, "in-hand benchmark"),
     ],
 )
-def test_another_seed_or_checkpoint_is_refused(comparison, change, named):
-    run(dataclasses.replace(comparison, episodes=1))
-    with pytest.raises(DexFlexError, match=named):
-        run(dataclasses.replace(comparison, **change))
+def test_settings_that_mean_nothing_are_refused(comparison, change, message):
+    with pytest.raises(DexFlexError, match=message):
+        changed(comparison, **change)
 
 
-def test_nothing_unpaired_is_compared(comparison):
-    _, outcomes = run(comparison)
-    with pytest.raises(DexFlexError, match="nothing is paired"):
-        summarise(outcomes[:-1], INTERFACES)
+def test_what_cannot_be_run_is_refused_before_anything_runs(comparison):
+    with pytest.raises(DexFlexError, match="telepathy"):
+        run(changed(comparison, methods=("good", "telepathy")))
+    assert not comparison.output.exists()
 
 
-@pytest.mark.parametrize(
-    "change", [{"episodes": 0}, {"batch_size": 0}, {"seed": -1}, {"interfaces": ("good", "good")}]
-)
-def test_settings_that_mean_nothing_are_refused(comparison, change):
-    with pytest.raises(DexFlexError, match=next(iter(change))):
-        dataclasses.replace(comparison, **change)
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A finished comparison with films and a report."""
+    comparison = Comparison(
+        {TASKS[0]: FakePlayers()},
+        ("good", "lucky"),
+        tmp_path_factory.mktemp("finished") / "out",
+        seeds=range(10, 13),
+        videos=1,
+        namespace=NAMESPACE,
+    )
+    rows = run(comparison)
+    write_report(comparison, rows)
+    return comparison, rows
+
+
+def test_files_cut_off_anywhere_stop_no_later_run(finished, tmp_path):
+    """As `kill -9` or a full disk may leave them: the next run repeats what is lost, or names file and remedy."""
+    comparison, rows = finished
+    rng = random.Random(0)
+    files = sorted(
+        path.relative_to(comparison.output) for path in comparison.output.rglob("*.*") if path.is_file()
+    )
+    assert {"tasks.csv", "runs.csv", "summary.json", "report.html"} <= {path.name for path in files}
+    refused = 0
+    for number, name in enumerate([name for name in files for _ in range(4)]):
+        again = changed(comparison, output=tmp_path / str(number))
+        shutil.copytree(comparison.output, again.output)
+        path = again.output / name
+        size = path.stat().st_size
+        keep = 0 if number % 4 == 0 else rng.randrange(size)
+        path.write_bytes(path.read_bytes()[:keep])
+        try:
+            found = run(again)
+            write_report(again, found)
+        except DexFlexError as error:
+            assert path.parent.name in str(error)
+            assert "Remove" in str(error)
+            assert path.suffix == ".mp4"
+            refused += 1
+        pd.testing.assert_frame_equal(run(again), rows)
+        assert not read(again.table).duplicated(list(KEY)).any()
+    assert refused

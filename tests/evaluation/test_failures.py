@@ -1,27 +1,29 @@
-from dataclasses import replace
+import pandas as pd
 
-from lerobot_dexflex.evaluation.failures import count_failures
-from lerobot_dexflex.evaluation.outcome import Outcome
+from lerobot_dexflex.evaluation.failures import endings, failures
 
 STAGES = ("held", "lifted", "done")
-EPISODE = Outcome("raw", 0, 0, (0, 1), False, 9, None, 1 / 3, 0.0, ((0, 0.0), (4, 1 / 3)), 0, 0.0, None)
+ROWS = pd.DataFrame(
+    [
+        {"success": False, "drops": 0.0, "progress": 0.3333},
+        {"success": False, "drops": 1.0, "progress": 0.6667},
+        {"success": False, "drops": None, "progress": 0.0},
+        {"success": True, "drops": 1.0, "progress": 1.0},
+    ]
+)
 
 
 def test_failures_are_told_by_their_end_and_the_furthest_stage():
-    episodes = [
-        EPISODE,
-        replace(EPISODE, drops=1, progress_max=0.6667),
-        replace(EPISODE, drops=2, progress_max=0.6667),
-        replace(EPISODE, progress_max=0.0),
-        replace(EPISODE, success=True, progress_max=1.0),
+    assert failures(ROWS, STAGES) == [
+        "time out, after: held",
+        "dropped, after: lifted",
+        "time out, never held",
     ]
-    assert count_failures(episodes, STAGES) == {
-        "dropped, after: lifted": 2,
-        "time out, after: held": 1,
-        "time out, never held": 1,
-    }
-    assert next(iter(count_failures(episodes, STAGES))) == "dropped, after: lifted"
 
 
 def test_a_task_without_named_stages_tells_the_progress():
-    assert count_failures([EPISODE], ()) == {"time out, progress 0.33": 1}
+    assert failures(ROWS[:1], ()) == ["time out, progress 0.33"]
+
+
+def test_an_episode_ends_with_success_even_if_the_object_was_dropped_before():
+    assert endings(ROWS) == ["time out", "dropped", "time out", "success"]

@@ -7,9 +7,9 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from lerobot_dexflex.commands.families import CommandErrors
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.replay import ReplayController, load_demonstrations
+from lerobot_dexflex.evaluation.replay import ReplayController, Replays, load_demonstrations
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.model import JOINTS
 from lerobot_dexflex.recording.schema import columns
@@ -137,3 +137,22 @@ def test_noise_shakes_the_commanded_fingertips_within_its_width_and_repeats_by_s
     assert 0.002 < np.abs(error).max() <= 0.004 + 1e-6
     np.testing.assert_array_equal(commands(0), commands(0))
     assert not np.array_equal(commands(0), commands(1))
+
+
+def test_replays_are_players_of_the_recorded_seeds(dataset, actions):
+    players = Replays(dataset)
+    players.check(["raw", "joint"])
+    player = players("joint", NO_ERRORS)
+    player.reset([7])
+    np.testing.assert_allclose(player.act({"agent_pos": STATE}, "task")[0], actions[1, :23], atol=1e-6)
+    player.reset([4])
+    np.testing.assert_allclose(player.act({"agent_pos": STATE}, "task")[0], actions[0, :23], atol=1e-6)
+
+
+def test_the_recorded_actions_decide_the_version(dataset, actions):
+    before = Replays(dataset).version("raw", "PlaceHammer-v0")
+    assert Replays(dataset).version("raw", "PlaceHammer-v0") == before
+    assert Replays(dataset).version("joint", "PlaceHammer-v0").name != before.name
+    table = {"episode_index": [0, 1, 1], "action": list(actions + np.float32(0.001))}
+    pq.write_table(pa.table(table), dataset / "data/chunk-000/file-000.parquet")
+    assert Replays(dataset).version("raw", "PlaceHammer-v0").name != before.name
