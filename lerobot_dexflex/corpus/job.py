@@ -20,7 +20,7 @@ from lerobot_dexflex.corpus.shard import Shard, concatenate, shard_path, write_s
 from lerobot_dexflex.corpus.world import World, vary_object
 from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.interfaces.registry import make_interface
+from lerobot_dexflex.interfaces import make_interface
 
 Episodes = dict[int, ReachEpisode]
 """Start of every object, by its seed."""

@@ -16,7 +16,7 @@ def script(load_script):
         (["--task", "PourTea-v0"], f"Unknown task 'PourTea-v0'. Valid tasks: {', '.join(TASKS)}."),
         (
             ["--interfaces", "joint", "telepathy"],
-            "Unknown interface 'telepathy'. Valid interfaces: joint, raw, filter",
+            "Unknown interface 'telepathy' in 'telepathy'. Valid: joint, raw, filter",
         ),
         (
             ["--joint-policy", "/nowhere"],

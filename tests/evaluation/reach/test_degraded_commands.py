@@ -4,7 +4,7 @@ import pytest
 
 from lerobot_dexflex.evaluation.latency import CANDIDATES, EVALUATIONS
 from lerobot_dexflex.evaluation.reach.cells import Cell
-from lerobot_dexflex.evaluation.reach.methods import ABLATIONS, Method
+from lerobot_dexflex.interfaces import INTERFACES, Method
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,9 @@ def test_default_names_are_methods_and_cells(script):
         Method.parse(name)
     for name in (*script.CELLS.split(","), *script.DEMO["cells"].split(",")):
         assert Cell.parse(name).name == name
-    assert tuple(name.split("-")[1] for name in script.ABLATION_METHODS) == ABLATIONS
+    assert tuple(name.split("-")[1] for name in script.ABLATION_METHODS) == tuple(
+        INTERFACES["dexflex"].ablations
+    )
 
 
 def test_progress_of_the_grid_is_found_by_candidates_and_evaluations(script, load_script, tmp_path):
@@ -35,7 +37,7 @@ def test_progress_of_the_grid_is_found_by_candidates_and_evaluations(script, loa
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--methods", "magic"], "Unknown method 'magic'"),
+        (["--methods", "magic"], "Unknown interface 'magic'"),
         (["--cells", "rain_2mm"], "'rain_2mm'|rain"),
         (["--workers", "-1"], "must not be negative"),
         (["--methods", "raw", "--episodes", "0"], "must be at least 1"),

@@ -28,7 +28,7 @@ def loop(monkeypatch):
             episode(
                 40,
                 label=0.004,
-                executed=0.002 if interface.name == "shrink" else 0.004,
+                executed=0.002 if interface.name == "shrink:0.5" else 0.004,
                 dropped=removal and interface.name == "raw" and c.seed % 4 == 0,
                 progress=0.25 if removal and interface.name == "raw" else 0.75,
                 event=range(10, 18) if removal else (),
@@ -69,7 +69,7 @@ def test_a_kill_costs_the_running_group_and_nothing_else(tmp_path, loop):
     # One record was torn and the last one lost: the last group of `shrink`, and of `raw`, the one before it.
     assert [(name, cell, len(seeds)) for name, cell, seeds, _ in loop] == [
         ("raw", "removal_2mm", 1),
-        ("shrink", "removal_2mm", 1),
+        ("shrink:0.5", "removal_2mm", 1),
     ]
     assert {r.line() for r in again} == {r.line() for r in first}
 
@@ -89,10 +89,8 @@ def test_more_methods_cells_and_episodes_extend_what_is_there(tmp_path, loop):
 def test_records_of_another_version_of_a_method_are_run_again(tmp_path, loop, monkeypatch):
     run(benchmark(tmp_path), workers=0, quiet=True)
     loop.clear()
-    monkeypatch.setattr(
-        runner, "_version", lambda name, controller: "new" if name == "raw" else version(name)
-    )
-    version = {r: runner.Method.parse(r).version(None) for r in ("shrink:0.5",)}.__getitem__
+    old = runner._version("shrink:0.5", None)
+    monkeypatch.setattr(runner, "_version", lambda name, controller: "new" if name == "raw" else old)
     records = run(benchmark(tmp_path), workers=0, quiet=True)[1]
     assert {name for name, *_ in loop} == {"raw"}
     assert len(records) == 20
