@@ -142,7 +142,7 @@ def _tests(rows: pd.DataFrame, methods: Sequence[str], grew: frozenset[str]) -> 
         pair = episodes[first].join(episodes[second], how="inner", lsuffix="_first", rsuffix="_second")
         if pair.empty:
             continue
-        test = paired_test(pair["success_first"].astype(bool), pair["success_second"].astype(bool))
+        test = paired_test(*(pair[f"success_{which}"].astype(bool).tolist() for which in ("first", "second")))
         gain = mean_interval((pair["progress_second"] - pair["progress_first"]).tolist())
         assert gain is not None
         looked = not grew.isdisjoint([*pair["version_first"], *pair["version_second"]])

@@ -28,8 +28,8 @@ _GROWN_HEADER = ("E", "1/E (Holm)")
 MEANINGS = (
     "Success with Wilson 95 % intervals. Progress is each episode's largest, drops per episode, holding the "
     "share of time with the object in hand, intervention the mean ||executed - draft|| / ||draft||; means "
-    "with bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over all "
-    "pairs of the table; progress gain: second - first. E, where episodes come from more than one command: "
+    "with bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over "
+    "all pairs of the table; progress gain: second - first. E, where episodes come from several commands: "
     "its inverse is a p-value also if some were added after a look."
 )
 
@@ -159,8 +159,8 @@ def tests_sentence(summary: Summary) -> str:
     looked = [(test, p) for test in tests if (p := test.p_anytime_holm) is not None]
     if looked:
         text += (
-            " These episodes come from more than one command; E-values, valid also if some were added after a "
-            f"look (Holm): {_differing(looked)}."
+            " These episodes come from more than one command; E-values, valid also if some were added after "
+            f"a look (Holm): {_differing(looked)}."
         )
     return text
 
