@@ -15,7 +15,8 @@ from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 N_JOINTS = len(leap.LINKS)
 LARGEST_STEP = leap.MAX_SPEED * CONTROL_PERIOD
-"""Largest change of a joint target in a control step [rad]; ordinary commands stay below .35."""
+"""Largest change of a joint target in a control step [rad]. Ordinary commands ask for up to .27, and those of
+`reflex` for .50."""
 RUNAWAY, FOLLOWED = 0.030, 0.002
 """A commanded fingertip farther from where its joints put it has run away, and one nearer than the second is
 followed [m]. Commands run ahead in ordinary work too, since the posture is tied and joints end: `raw` by up

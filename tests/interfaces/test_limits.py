@@ -117,6 +117,7 @@ def test_a_jump_of_a_plan_is_made_up_in_several_steps_and_not_ignored():
     start = interface.start(seen)
     goal = fingertips(seen[STATE][:, -16:] + 0.6)
     assert ((goal - start).norm(dim=-1) > RUNAWAY).all()
+    joints = torch.empty(0)
     for _ in range(6):
         draft = (goal - interface.start(seen))[:, None].expand(-1, 8, -1, -1)
         joints = interface.step(seen, draft)

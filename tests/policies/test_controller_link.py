@@ -99,7 +99,7 @@ def test_a_controller_of_other_content_is_reported_and_the_same_is_not(policy, c
         warnings.simplefilter("error", UserWarning)
         type(ours).from_pretrained(tmp_path / "policy")
     other = DexFlexController.from_pretrained(folder)
-    other.decoder.out.bias += 1
+    other.decoder.out.bias.data.add_(1)
     other.save_pretrained(folder)
     with pytest.warns(UserWarning, match=r"is not the one that this policy was saved with \(dexflex:\w+\)"):
         type(ours).from_pretrained(tmp_path / "policy")
