@@ -1,8 +1,10 @@
 """Console scripts: parse a configuration with draccus, run it, turn errors into an exit status.
 
-A script imports this before anything heavy: from then on Ctrl-C ends it alike at every moment.
+A script imports this before anything heavy: from then on Ctrl-C ends it alike at every moment. Hence the
+console scripts start here, and not in their own packages.
 """
 
+import importlib
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import fields
@@ -26,6 +28,25 @@ def _uncaught(kind: type[BaseException], error: BaseException, traceback: Traceb
 
 _python_hook = sys.excepthook
 sys.excepthook = _uncaught
+
+
+def record() -> int:
+    """Run `dexflex-record`."""
+    return _main("lerobot_dexflex.recording.cli")
+
+
+def corpus() -> int:
+    """Run `dexflex-corpus`."""
+    return _main("lerobot_dexflex.corpus.cli")
+
+
+def train() -> int:
+    """Run `dexflex-train`."""
+    return _main("lerobot_dexflex.training.cli")
+
+
+def _main(module: str) -> int:
+    return importlib.import_module(module).main()
 
 
 def run(config_type: type, work: Callable[[Any, list[str]], int], arguments: list[str] | None) -> int:
