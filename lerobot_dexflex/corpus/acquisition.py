@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.corpus.env import CorpusEnv
+from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.goal_follower import GoalFollower
-from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.world import Support, World
 from lerobot_dexflex.envs.reach import DROP_STEPS, ReachEpisode
 from lerobot_dexflex.experts.command import min_jerk
@@ -112,7 +112,7 @@ class Acquisition:
         self._extra = np.zeros(4)
         self._follower: GoalFollower | None = None
 
-    def label(self, run: Run) -> Array | None:
+    def label(self, run: RunningEpisode) -> Array | None:
         """Return the displacement toward the phase's next waypoint; None once it is over or lost."""
         if run.lost_steps >= DROP_STEPS:
             return None
@@ -125,7 +125,7 @@ class Acquisition:
             self._timer = 0
         return None
 
-    def _approach(self, run: Run) -> Array | None:
+    def _approach(self, run: RunningEpisode) -> Array | None:
         """Bring the pads in front of the object, one finger later than another."""
         if self._timer == 0:
             self._start, self._duration = run.command, int(self._rng.integers(12, 26))
@@ -133,7 +133,7 @@ class Acquisition:
             return None
         return _toward(run, self._way(run.command, self._opening.near, self._opening.active))
 
-    def _close(self, run: Run) -> Array | None:
+    def _close(self, run: RunningEpisode) -> Array | None:
         """Move every finger on until it touches."""
         if self._timer == 0:
             self._start, self._duration = run.command, int(self._rng.integers(6, 16))
@@ -144,7 +144,7 @@ class Acquisition:
         targets = self._start + share * (self._opening.closed - self._start)
         return _toward(run, np.where(self._touched[:, None], run.command, targets))
 
-    def _squeeze(self, run: Run) -> Array | None:
+    def _squeeze(self, run: RunningEpisode) -> Array | None:
         """Build up the forces that hold the object, pressing further where the pad is not loaded enough."""
         if self._timer == 0:
             self._start, self._duration = run.command, int(self._rng.integers(4, 11))
@@ -158,7 +158,7 @@ class Acquisition:
         target = self._opening.closed + self._extra[:, None] * self._opening.inward
         return _toward(run, self._way(run.command, target, self._opening.active))
 
-    def _carry(self, run: Run) -> Array | None:
+    def _carry(self, run: RunningEpisode) -> Array | None:
         """Take the object from the fixture and lead it to goals."""
         if self._timer == 0:
             run.env.world.supports[-1].stop = run.env.clock
@@ -166,7 +166,7 @@ class Acquisition:
         assert self._follower is not None
         return self._follower.label(run)
 
-    def _let_go(self, run: Run) -> Array | None:
+    def _let_go(self, run: RunningEpisode) -> Array | None:
         """Give the object back to a fixture where it is and take the squeeze away."""
         if self._timer == 0:
             softness = float(self._rng.uniform(*_SOFTNESS))
@@ -184,7 +184,7 @@ class Acquisition:
         share = (elapsed + 1) / self._duration
         return _toward(run, self._start + share * (self._target - self._start))
 
-    def _retreat(self, run: Run) -> Array | None:
+    def _retreat(self, run: RunningEpisode) -> Array | None:
         """Move the pads away from the object."""
         if self._timer == 0:
             self._start, self._duration = run.command, int(self._rng.integers(10, 24))
@@ -201,7 +201,7 @@ class Acquisition:
         return np.where(active[:, None], self._start + share * (target - self._start), command)
 
 
-def _toward(run: Run, targets: Array) -> Array:
+def _toward(run: RunningEpisode, targets: Array) -> Array:
     """Return the displacement from the commanded tips to targets, shortened to a human pace."""
     way = targets - run.command
     length = np.linalg.norm(way, axis=1, keepdims=True)

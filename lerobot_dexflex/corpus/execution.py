@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.commands.loop import stack_observations
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.corpus.distortion import Distortion
-from lerobot_dexflex.corpus.run import Leader, Run
+from lerobot_dexflex.corpus.episode import Leader, RunningEpisode
 from lerobot_dexflex.interfaces.protocol import Interface
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 class Driven(NamedTuple):
     """An episode and who commands it."""
 
-    run: Run
+    run: RunningEpisode
     leader: Leader
     distortion: Distortion
 
@@ -69,7 +69,10 @@ def run_interface(waiting: Iterator[Driven], interface: Interface, batch: int) -
 
 
 def _ask(
-    running: dict[int, Run], drafts: dict[int, Array], interface: Interface, fresh: NDArray[np.bool_]
+    running: dict[int, RunningEpisode],
+    drafts: dict[int, Array],
+    interface: Interface,
+    fresh: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
     """Return the interface's joints [rad] (batch, 16) and commanded tips [m] (batch, 4, 3)."""
     rows = range(len(fresh))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.corpus.run import Run
+from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.envs.reach import DROP_STEPS, STEADY_STEPS, TOLERANCE
 from lerobot_dexflex.experts.reach.goals import feasible_goal
 from lerobot_dexflex.experts.reach.operator import Operator
@@ -25,7 +25,7 @@ class GoalFollower:
         steps: Control steps to lead.
     """
 
-    def __init__(self, run: Run, rng: np.random.Generator, steps: int) -> None:
+    def __init__(self, run: RunningEpisode, rng: np.random.Generator, steps: int) -> None:
         self._operator, self._rng = Operator(run.senses, rng), rng
         self._end = run.steps + steps
         self._home = run.now.position.copy()
@@ -33,14 +33,14 @@ class GoalFollower:
         self._steady = self._goal_steps = 0
         self._set_goal()
 
-    def label(self, run: Run) -> Array | None:
+    def label(self, run: RunningEpisode) -> Array | None:
         """Return the operator's displacement; ends when the object is lost or the time is over."""
         if run.lost_steps >= DROP_STEPS or run.steps >= self._end:
             return None
         self._judge(run)
         return self._operator.displacement(run.command, run.now)
 
-    def _judge(self, run: Run) -> None:
+    def _judge(self, run: RunningEpisode) -> None:
         distance, angle = pose_error(run.now.position, run.now.quaternion, *self._operator.controller.goal)
         inside = distance < TOLERANCE[0] and angle < TOLERANCE[1]
         self._steady = self._steady + 1 if inside else 0

@@ -10,10 +10,10 @@ from lerobot_dexflex.corpus.acquisition import Acquisition, find_opening, open_e
 from lerobot_dexflex.corpus.config import CorpusConfig
 from lerobot_dexflex.corpus.distortion import Distortion, sample_errors
 from lerobot_dexflex.corpus.env import CorpusEnv
+from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.execution import Driven, run_interface, run_raw
 from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.manifest import kind_key, stage_folder
-from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.schema import ACQUIRED, INTERFACED, OPERATED, SEARCH
 from lerobot_dexflex.corpus.searched import search_episode
 from lerobot_dexflex.corpus.shard import Shard, concatenate, shard_path, write_shard
@@ -111,7 +111,9 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
         world = World.sample(rng)
         errors = sample_errors(rng, clean_share=1.0 - _DISTORTED)
         facts = {"seed": seed, "corruption": errors.name}
-        run = Run(env, open_episode(_varied(episode, rng), world, opening, rng), world, ACQUIRED, facts)
+        run = RunningEpisode(
+            env, open_episode(_varied(episode, rng), world, opening, rng), world, ACQUIRED, facts
+        )
         leader = Acquisition(opening, rng)
         run_raw(Driven(run, leader, Distortion(errors, rng)))
         facts["released"] = not run.lost_steps
@@ -125,7 +127,7 @@ def _driven(env: CorpusEnv, episode: ReachEpisode, rng: np.random.Generator, kin
     if rng.random() < 0.5:
         world.disturb(rng, steps, episode.object_spec.mass)
     errors = sample_errors(rng)
-    run = Run(env, episode, world, kind, {"seed": seed, "corruption": errors.name})
+    run = RunningEpisode(env, episode, world, kind, {"seed": seed, "corruption": errors.name})
     return Driven(run, GoalFollower(run, rng, steps), Distortion(errors, rng))
 
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.corpus.config import FIRST_SEED, CorpusConfig
 from lerobot_dexflex.corpus.env import CorpusEnv
+from lerobot_dexflex.corpus.episode import is_lost, stored
 from lerobot_dexflex.corpus.manifest import stage_folder
 from lerobot_dexflex.corpus.proposals import perturbed, proposed
-from lerobot_dexflex.corpus.run import is_lost, stored
 from lerobot_dexflex.corpus.schema import HORIZON, REPLAY_COLUMNS, SOURCES, Tensors
 from lerobot_dexflex.corpus.shard import Shard, read_shard, shard_path, write_replays
 from lerobot_dexflex.corpus.world import World

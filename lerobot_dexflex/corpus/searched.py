@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.corpus.env import CorpusEnv
-from lerobot_dexflex.corpus.run import Bookmark, Run
+from lerobot_dexflex.corpus.episode import Bookmark, RunningEpisode
 from lerobot_dexflex.corpus.schema import SEARCH
 from lerobot_dexflex.corpus.shard import Shard
 from lerobot_dexflex.corpus.world import World
@@ -68,7 +68,7 @@ def search_episode(
         rng: Source of randomness.
         facts: What else the metadata shall say.
     """
-    search = Search(Run(env, episode, world, SEARCH, facts), rng)
+    search = Search(RunningEpisode(env, episode, world, SEARCH, facts), rng)
     limit, failures = int(rng.integers(*_EPISODE_STEPS)), 0
     while search.run.steps < limit and failures < _GIVE_UP:
         reached = yield from search.reach_a_goal()
@@ -88,7 +88,7 @@ class Search:
         rng: Source of randomness.
     """
 
-    def __init__(self, run: Run, rng: np.random.Generator) -> None:
+    def __init__(self, run: RunningEpisode, rng: np.random.Generator) -> None:
         self.run, self._rng = run, rng
         self._operator = Operator(run.senses, rng)
         controller = self._operator.controller

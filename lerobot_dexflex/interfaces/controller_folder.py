@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces.registry import CONTROLLER_FILES
 
+CONTROLLER_FILES = ("config.json", "model.safetensors")
+"""Files of a controller's folder that decide what its networks do."""
 SHIPPED = Path(__file__).resolve().parents[2] / "policies/checkpoints/controller_leap"
 """Where the repository keeps its own controller."""
 _HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")

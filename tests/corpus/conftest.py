@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_dexflex.corpus.env import CorpusEnv
-from lerobot_dexflex.corpus.run import Run
+from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.world import Push, Slip, World
 
 SEED = 4
@@ -44,7 +44,7 @@ def world():
 @pytest.fixture
 def run(episode, world):
     """An episode whose steps 8 to 15 are spoilt by 0.5 mm."""
-    run = Run(CorpusEnv(), episode, world, 1, {"seed": SEED, "commit": "none"})
+    run = RunningEpisode(CorpusEnv(), episode, world, 1, {"seed": SEED, "commit": "none"})
     rng = np.random.default_rng(0)
     leader = Jitter(run, rng)
     while (label := leader.label(run)) is not None:

@@ -5,16 +5,16 @@ from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.corpus.acquisition import Acquisition, find_opening, open_episode
 from lerobot_dexflex.corpus.distortion import Distortion, sample_errors
 from lerobot_dexflex.corpus.env import CorpusEnv
+from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.execution import Driven, run_interface, run_raw
 from lerobot_dexflex.corpus.goal_follower import GoalFollower
-from lerobot_dexflex.corpus.run import Run
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.interfaces import make_interface
 
 
 def driven(episode, errors, steps=60, seed=0):
     rng = np.random.default_rng(seed)
-    run = Run(CorpusEnv(), episode, World(), 1, {})
+    run = RunningEpisode(CorpusEnv(), episode, World(), 1, {})
     return Driven(run, GoalFollower(run, rng, steps), Distortion(errors, rng))
 
 
@@ -67,7 +67,7 @@ def test_an_object_is_taken_carried_and_given_back(episode):
     env, rng, world = CorpusEnv(), np.random.default_rng(1), World()
     opening = find_opening(env, episode, rng)
     assert opening is not None
-    run = Run(env, open_episode(episode, world, opening, rng), world, 2, {})
+    run = RunningEpisode(env, open_episode(episode, world, opening, rng), world, 2, {})
     run_raw(Driven(run, Acquisition(opening, rng), Distortion(NO_ERRORS, rng)))
     rows = run.finish().tensors
     first, second = world.supports

@@ -9,9 +9,10 @@ from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces import INTERFACES, Method, make_interface
 from lerobot_dexflex.interfaces.dexflex import ablated
+from lerobot_dexflex.interfaces.entries import SELECTION_OPTIONS
 from lerobot_dexflex.interfaces.gain import GainInterface
 from lerobot_dexflex.interfaces.method import require_drafts
-from lerobot_dexflex.interfaces.registry import SELECTION_OPTIONS, InterfaceEntry, register
+from lerobot_dexflex.interfaces.registry import InterfaceEntry, register
 from lerobot_dexflex.runs.provenance import code_digest, imported
 
 ABLATIONS = tuple(INTERFACES["dexflex"].ablations)
@@ -126,7 +127,7 @@ def test_a_version_follows_a_methods_own_modules_only():
     assert digests["raw"] != digests["shrink:0.5"] == digests["shrink:0.7"]
     assert digests["raw"] != digests["raw@0.5"]
     assert "lerobot_dexflex.interfaces.gain" in modules["raw@0.5"]
-    for other in ("filter", "dexflex", "gain", "touch_watch"):
+    for other in ("filter", "dexflex", "gain", "touch_watch", "entries"):
         assert f"lerobot_dexflex.interfaces.{other}" not in imported(modules["raw"])
 
 

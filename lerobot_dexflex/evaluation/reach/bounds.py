@@ -6,13 +6,10 @@ Importing this module makes them methods by name: `clean`, `oracle`, `oracle:cle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lerobot_dexflex.interfaces.controller_folder import CONTROLLER_FILES
+from lerobot_dexflex.interfaces.entries import SELECTION_OPTIONS
 from lerobot_dexflex.interfaces.options import WHOLE, WORD
-from lerobot_dexflex.interfaces.registry import (
-    CONTROLLER_FILES,
-    SELECTION_OPTIONS,
-    InterfaceEntry,
-    register,
-)
+from lerobot_dexflex.interfaces.registry import InterfaceEntry, register
 
 if TYPE_CHECKING:
     from lerobot_dexflex.evaluation.reach.oracle import OracleInterface

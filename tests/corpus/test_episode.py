@@ -2,7 +2,7 @@ import numpy as np
 import torch
 
 from lerobot_dexflex.corpus.env import CorpusEnv
-from lerobot_dexflex.corpus.run import Run
+from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.schema import check_rows
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.hand.kinematics import solve_fingertips
@@ -37,7 +37,7 @@ def test_joint_targets_are_those_of_the_raw_interface(run):
 
 
 def test_a_held_object_is_not_lost_and_a_released_one_is(episode):
-    run = Run(CorpusEnv(), episode, World(), 1, {})
+    run = RunningEpisode(CorpusEnv(), episode, World(), 1, {})
     assert (run.now.loads > 0.05).sum() >= 3
     run.step(np.zeros((4, 3)), np.zeros((4, 3)))
     assert run.lost_steps == 0

@@ -25,7 +25,7 @@ _LEFT = DROP_DISTANCE + GOAL_RADIUS
 class Leader(Protocol):
     """Who knows what to do: an operator, a script."""
 
-    def label(self, run: "Run") -> Array | None:
+    def label(self, run: "RunningEpisode") -> Array | None:
         """Return the clean displacement of the commanded tips [m] (4, 3), or None to end the episode.
 
         Called exactly once per control step.
@@ -44,7 +44,7 @@ class Bookmark(NamedTuple):
     lost_steps: int
 
 
-class Run:
+class RunningEpisode:
     """Execute and record one episode.
 
     Commands and displacements are kept in float32 precision, as they are stored, so that a replay of stored
