@@ -53,7 +53,10 @@ def test_a_module_that_is_not_imported_does_not_change_the_version(copied):
 def test_what_importing_really_loads_is_among_what_was_read_from_the_source():
     code = f"import sys, {RAW}; print(*[m for m in sys.modules if m.startswith('lerobot_dexflex')])"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert set(loaded.stdout.split()) <= set(imported([RAW]))
+    unseen = set(loaded.stdout.split()) - set(imported([RAW]))
+    assert unseen <= {
+        "lerobot_dexflex.interfaces.entries"
+    }  # The list of all interfaces decides none of them.
 
 
 def test_options_and_weights_change_the_version(tmp_path):
