@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.report.table import markdown, pair_rows, rate_rows, tests_sentence
+from lerobot_dexflex.evaluation.report.table import markdown, pair_rows, pairs_sentence, rate_rows
 from lerobot_dexflex.evaluation.summary import AVERAGE, grown, newest, summarise, write_eval_info
 
 A, B = "PourCup-v0", "PlaceHammer-v0"
@@ -101,9 +101,9 @@ def test_an_e_value_stands_beside_the_test_where_n_grew():
     assert test.e_value == pytest.approx(256 / 9)
     assert test.p_anytime_holm == pytest.approx(9 / 256)
     assert pair_rows(summary)[0][-2:] == ["28.4", "0.0352"]
-    assert tests_sentence(summary) == (
-        "raw against dexflex p = 0.0078. These episodes come from more than one command; E-values, valid also "
-        "if some were added after a look (Holm): raw against dexflex p = 0.035."
+    assert pairs_sentence(summary) == (
+        "raw against dexflex p = 0.0078. These episodes come from more than one command; E-values, valid "
+        "also if some were added after a look (Holm): raw against dexflex p = 0.035."
     )
 
 

@@ -28,9 +28,9 @@ _GROWN_HEADER = ("E", "1/E (Holm)")
 MEANINGS = (
     "Success with Wilson 95 % intervals. Progress is each episode's largest, drops per episode, holding the "
     "share of time with the object in hand, intervention the mean ||executed - draft|| / ||draft||; means "
-    "with bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over all "
-    "pairs of the table; progress gain: second - first. E, where episodes come from more than one command: "
-    "its inverse is a p-value also if some were added after a look."
+    "with bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over "
+    "all pairs of the table; progress gain: second - first. E, where episodes come from more than one "
+    "command: its inverse is a p-value also if some were added after a look."
 )
 
 Rows = list[list[str]]
@@ -122,7 +122,7 @@ def rates_markdown(summary: Summary) -> str:
     """Return success by method and column, and the paired tests over all episodes in a sentence."""
     rows = [[f"`{name}`", *cells] for name, *cells in rate_rows(summary)]
     tests = (
-        f" Exact McNemar tests over all episodes (Holm): {tests_sentence(summary)}" if summary.tests else ""
+        f" Exact McNemar tests over all episodes (Holm): {pairs_sentence(summary)}" if summary.tests else ""
     )
     return (
         as_markdown(["interface", *rate_header(summary)[1:]], rows)
@@ -140,7 +140,7 @@ def detail_markdown(summary: Summary) -> str:
         time = "-" if seconds is None else f"{seconds.mean:.1f} s"
         rows.append([f"`{name}`", _percent(rate), f"{low:.0f} to {high:.0f} %", time])
     seeds = summary.rows["seed"]
-    tests = f" Exact McNemar tests (Holm): {tests_sentence(summary)}" if summary.tests else ""
+    tests = f" Exact McNemar tests (Holm): {pairs_sentence(summary)}" if summary.tests else ""
     return (
         as_markdown(header, rows)
         + f"\n\nn = {_episodes(summary)} paired episodes per interface on held-out initial states "
@@ -148,7 +148,7 @@ def detail_markdown(summary: Summary) -> str:
     )
 
 
-def tests_sentence(summary: Summary) -> str:
+def pairs_sentence(summary: Summary) -> str:
     """Return which pairs differ, and the smallest p-value of those that do not.
 
     Of more than five methods, only the last one's tests are told; Holm's adjustment is over all pairs.
@@ -159,8 +159,8 @@ def tests_sentence(summary: Summary) -> str:
     looked = [(test, p) for test in tests if (p := test.p_anytime_holm) is not None]
     if looked:
         text += (
-            " These episodes come from more than one command; E-values, valid also if some were added after a "
-            f"look (Holm): {_differing(looked)}."
+            " These episodes come from more than one command; E-values, valid also if some were added after "
+            f"a look (Holm): {_differing(looked)}."
         )
     return text
 
