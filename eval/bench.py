@@ -189,7 +189,7 @@ def grid_progress(table: Path) -> dict[tuple[int, int], float]:
     import pandas as pd
 
     from lerobot_dexflex.controller import SelectionSettings
-    from lerobot_dexflex.evaluation.reach.methods import Method
+    from lerobot_dexflex.interfaces.method import Method
 
     if not table.is_file():
         return {}

@@ -1,35 +1,76 @@
-"""Console scripts: parse a configuration with draccus, run it, turn errors into an exit status."""
+"""Console scripts: parse a configuration with draccus, run it, turn errors into an exit status.
+
+A script imports this before anything heavy: from then on Ctrl-C ends it alike at every moment.
+"""
 
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from itertools import pairwise
+from types import TracebackType
 from typing import Any
-
-import draccus
-from draccus.utils import DraccusException
 
 from lerobot_dexflex.errors import DexFlexError
 
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
+
+
+def _uncaught(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
+    """End a script that is interrupted while it imports, where nothing can catch it, like one at work."""
+    if not issubclass(kind, KeyboardInterrupt):
+        return _python_hook(kind, error, traceback)
+    print("Stopped before anything began.", file=sys.stderr)
+    sys.exit(INTERRUPTED)
+
+
+_python_hook = sys.excepthook
+sys.excepthook = _uncaught
+
 
 def run(config_type: type, work: Callable[[Any, list[str]], int], arguments: list[str] | None) -> int:
-    """Return the status of `work(config, words)`: 1 after an error, 130 after an interrupt.
+    """Return the status of `work(config, words)`: 1 after an error of the user, 130 after an interrupt.
 
     Args:
         config_type: Configuration dataclass.
         work: Called with the configuration and the words it was parsed from.
         arguments: Command-line arguments; None takes those of this process. `--config` is short for
             `--config_path`, and `--flag` of a truth value for `--flag=true`.
+
+    Raises:
+        SystemExit: After `--help`.
     """
-    words = _spelled_out(sys.argv[1:] if arguments is None else arguments, config_type)
     try:
-        return work(draccus.parse(config_type, args=words), words)
-    except (DexFlexError, DraccusException, OSError) as error:
-        print(f"error: {_reason(error)}", file=sys.stderr)
-        return 1
+        words = _spelled_out(sys.argv[1:] if arguments is None else arguments, config_type)
+        config = _parsed(config_type, words)
+        return 1 if config is None else work(config, words)
+    except (DexFlexError, OSError) as error:
+        return _failed(error)
     except KeyboardInterrupt:
         print("Stopped. Run the same command again to continue.", file=sys.stderr)
-        return 130
+        return INTERRUPTED
+
+
+def _parsed(config_type: type, words: list[str]) -> Any:
+    """Return the configuration, or None after telling the user what is wrong with it."""
+    import draccus
+    import yaml
+    from draccus.utils import DraccusException
+
+    try:
+        return draccus.parse(config_type, args=words)
+    except SystemExit as usage:  # argparse has said what it does not understand; draccus' own status is 2.
+        if not usage.code:
+            raise
+    except (DraccusException, yaml.YAMLError, ValueError, TypeError, AttributeError) as error:
+        # draccus only says that a class could not be made; our own message is its cause.
+        _failed(error.__cause__ if isinstance(error.__cause__, DexFlexError) else error)
+    return None
+
+
+def _failed(error: BaseException) -> int:
+    print(f"error: {error}", file=sys.stderr)
+    return 1
 
 
 def _spelled_out(words: Sequence[str], config_type: type) -> list[str]:
@@ -44,9 +85,3 @@ def _spelled_out(words: Sequence[str], config_type: type) -> list[str]:
         else:
             spelled.append(word)
     return spelled
-
-
-def _reason(error: BaseException) -> BaseException:
-    """Return our own message where draccus only says that a class could not be made."""
-    cause = error.__cause__
-    return cause if isinstance(error, DraccusException) and isinstance(cause, DexFlexError) else error

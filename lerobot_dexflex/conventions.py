@@ -1,5 +1,7 @@
 """What every floor of the library agrees on: names of observations and fingers, and how far drafts look."""
 
+CONTROL_PERIOD = 0.05
+"""Time of one control step [s]."""
 DRAFT_HORIZON = 8
 """Control steps that a draft looks ahead."""
 FINGER_NAMES = ("index", "middle", "ring", "thumb")

@@ -9,11 +9,18 @@ import pytest
 SYNTHETIC_EPISODES = (20, 26, 14)
 
 
-def make_synthetic_dataset(root: Path, **changes) -> Path:
-    """Write a tiny dataset in our schema: a bright square in both images says where the hand shall go.
+def make_synthetic_dataset(
+    root: Path, cameras=("front", "wrist"), joints=None, size=96, offset=0.0, rename=None, **changes
+) -> Path:
+    """Write a tiny dataset in our schema: a bright square in all images says where the hand shall go.
 
     Args:
         root: Folder to create.
+        cameras: Names of the cameras.
+        joints: Names of the joints; all of hand and arm if None.
+        size: Width and height of the images.
+        offset: Added to joints and fingertips.
+        rename: Other names of features, by name.
         **changes: Overrides of `LeRobotDataset.create`, e.g. another `fps`.
     """
     import av.logging
@@ -24,13 +31,15 @@ def make_synthetic_dataset(root: Path, **changes) -> Path:
     from lerobot_dexflex.recording.schema import columns, lerobot_features, robot_type
 
     av.logging.set_level(av.logging.PANIC)
-    images = {f"observation.images.{camera}": (96, 96, 3) for camera in ("front", "wrist")}
+    joints, rename = joints or JOINTS, rename or {}
+    images = {f"observation.images.{camera}": (size, size, 3) for camera in cameras}
+    features = lerobot_features(columns(joints), images)
     arguments = {
         "repo_id": "lerobot-dexflex/synthetic",
         "fps": 20,
-        "features": lerobot_features(columns(JOINTS), images),
+        "features": {rename.get(key, key): feature for key, feature in features.items()},
         "root": root,
-        "robot_type": robot_type(JOINTS),
+        "robot_type": robot_type(joints),
         "rgb_encoder": RGBEncoderConfig(vcodec="h264", g=2, crf=18),
         "streaming_encoding": True,
         "encoder_queue_maxsize": 1000,
@@ -41,32 +50,31 @@ def make_synthetic_dataset(root: Path, **changes) -> Path:
     for steps in SYNTHETIC_EPISODES:
         goal = rng.uniform(-1, 1, 2)
         for k in range(steps):
-            dataset.add_frame(_synthetic_frame(rng, goal, k / steps, dataset.features) | {"task": "follow"})
+            frame = _synthetic_frame(rng, goal, k / steps, images, len(joints), offset)
+            frame = {rename.get(key, key): value for key, value in frame.items()}
+            kept = {key: value for key, value in frame.items() if key in dataset.features}
+            dataset.add_frame(kept | {"task": "follow"})
         dataset.save_episode()
     dataset.finalize()
     return root
 
 
-def _synthetic_frame(rng, goal, phase, features):
-    image = np.full((96, 96, 3), 40, np.uint8)
-    row, column = (48 + 36 * goal).astype(int)
+def _synthetic_frame(rng, goal, phase, images, n_joints, offset):
+    size = next(iter(images.values()))[0]
+    image = np.full((size, size, 3), 40, np.uint8)
+    row, column = (size / 2 + 3 / 8 * size * goal).astype(int)
     image[row - 6 : row + 6, column - 6 : column + 6] = (230, 120, int(250 * phase))
-    joints = 0.3 + 0.3 * phase * np.resize(goal, 23)
-    tips = 0.05 + 0.02 * phase * np.resize(goal, 12)
-    frame = {
-        "observation.images.front": image,
-        "observation.images.wrist": image[::-1].copy(),
-        "observation.state": joints + 0.01 * rng.standard_normal(23),
+    joints = offset + 0.3 + 0.3 * phase * np.resize(goal, n_joints)
+    tips = offset + 0.05 + 0.02 * phase * np.resize(goal, 12)
+    vectors = {
+        "observation.state": joints + 0.01 * rng.standard_normal(n_joints),
         "observation.tactile": rng.exponential(0.05, 240),
         "observation.fingertips": tips,
         "observation.gravity": np.array([0.0, 0.0, -1.0]),
         "action": np.concatenate([joints, tips]),
     }
-    return {
-        key: value if value.dtype == np.uint8 else value.astype(np.float32)
-        for key, value in frame.items()
-        if key in features
-    }
+    views = {key: image[:: (-1) ** k].copy() for k, key in enumerate(images)}
+    return views | {key: value.astype(np.float32) for key, value in vectors.items()}
 
 
 @pytest.fixture(scope="session")
@@ -82,6 +90,12 @@ def load_script() -> Callable[[str], ModuleType]:
         return module
 
     return load
+
+
+@pytest.fixture(scope="session")
+def make_dataset() -> Callable[..., Path]:
+    """Returns the function that writes a synthetic dataset."""
+    return make_synthetic_dataset
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,11 @@
-"""A controller's folder: find it here or on the Hub, load its weights, save it."""
+"""A controller's folder: find it here or on the Hub, load its weights, save it.
 
+`config.json` holds the checksums of the weights beside it, so that a damaged file is noticed.
+"""
+
+import hashlib
 import json
+import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +15,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-from lerobot_dexflex.controller.config import ControllerConfig
+from lerobot_dexflex.controller.config import CHECKSUMS, ControllerConfig
+from lerobot_dexflex.controller.finite import check_weights
 from lerobot_dexflex.errors import DexFlexError
 
 CONFIG, WEIGHTS, RECORD = "config.json", constants.SAFETENSORS_SINGLE_FILE, "training.json"
@@ -63,11 +69,12 @@ def read_record(path: Path | None) -> dict[str, Any]:
 
 
 def load_weights(module: nn.Module, path: Path) -> None:
-    """Load weights that must fit exactly.
+    """Load weights that must fit exactly; warns if `config.json` beside them knows no checksum of theirs.
 
     Raises:
-        DexFlexError: If the file is damaged or belongs to other networks.
+        DexFlexError: If the file is damaged, belongs to other networks or holds NaN or infinity.
     """
+    _check_checksum(path)
     try:
         module.load_state_dict(load_file(path))
     except (SafetensorError, RuntimeError, OSError) as error:
@@ -75,12 +82,43 @@ def load_weights(module: nn.Module, path: Path) -> None:
             f"{path} does not hold the weights of this controller: {error}. "
             "Download or train it again; its config.json must be the one written beside it."
         ) from error
+    check_weights(module, str(path))
 
 
 def save(module: nn.Module, config: ControllerConfig, record: dict[str, Any], folder: Path) -> None:
     """Write configuration, weights and training record."""
     config.save(folder / CONFIG)
-    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in module.state_dict().items()}
-    save_file(tensors, folder / WEIGHTS, metadata={"format": "pt"})
+    save_weights(module, folder / WEIGHTS)
     if record:
         (folder / RECORD).write_text(json.dumps(record, indent=2) + "\n")
+
+
+def save_weights(module: nn.Module, path: Path) -> None:
+    """Write weights into a folder with a `config.json`, and their checksum into the latter."""
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in module.state_dict().items()}
+    save_file(tensors, path, metadata={"format": "pt"})
+    config = path.parent / CONFIG
+    values = json.loads(config.read_text())
+    values[CHECKSUMS] = {**values.get(CHECKSUMS, {}), path.name: _checksum(path)}
+    config.write_text(json.dumps(values, indent=2) + "\n")
+
+
+def _check_checksum(path: Path) -> None:
+    config = path.parent / CONFIG
+    values = json.loads(config.read_text()) if config.is_file() else {}
+    expected, found = values.get(CHECKSUMS, {}).get(path.name), _checksum(path)
+    if expected is None:
+        warnings.warn(
+            f"{config} holds no checksum of {path.name}: damaged weights would not be noticed. Save the "
+            f'controller again, or add "{CHECKSUMS}": {{"{path.name}": "{found}"}} to it.',
+            stacklevel=3,
+        )
+    elif expected != found:
+        raise DexFlexError(
+            f"{path} is damaged or was exchanged: its checksum is {found}, but {config} says {expected}. "
+            "Download or train the controller again."
+        )
+
+
+def _checksum(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -17,6 +17,8 @@ DRAFT_HISTORY = 8
 """Steps before this one whose drafts are seen."""
 TAXELS = (10, 6)
 """Rows and columns of taxels per fingertip."""
+CHECKSUMS = "checksums"
+"""Key of `config.json` beside the configuration: SHA-256 of the weights by file name."""
 _IDENTITY = {
     "format": 1,
     "embodiment": "leap_right",
@@ -183,6 +185,7 @@ class ControllerConfig:
             ) from error
         if not isinstance(values, dict):
             raise DexFlexError(f"{path} must hold a JSON object. Download the controller again.")
+        values.pop(CHECKSUMS, None)
         return cls.from_dict(values, str(path))
 
     def save(self, path: Path) -> None:

@@ -22,6 +22,7 @@ from lerobot_dexflex.controller.chunks import (
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.decoder import HAND_DOFS, Decoder
 from lerobot_dexflex.controller.encoder import Encoder, State
+from lerobot_dexflex.controller.finite import check_output
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.prior import Prior
 from lerobot_dexflex.controller.score import Score
@@ -58,6 +59,8 @@ class Selection(NamedTuple):
 class DexFlexController(nn.Module, ModelHubMixin):
     """Propose chunks from the prior, predict their outcomes, score them, decode the best.
 
+    Each step raises `DexFlexError` if its network puts out NaN or infinity.
+
     Args:
         config: What the controller is for and how large; the default is untrained but usable.
         record: How it was trained, for the card: plain values.
@@ -82,11 +85,13 @@ class DexFlexController(nn.Module, ModelHubMixin):
             slow: A slow token from `encode_slow` up to 8 steps ago, shape (batch, slow_width); None computes
                 it anew.
         """
-        return self.encoder(history, slow)
+        state = self.encoder(history, slow)
+        check_output("encoder", state.features)
+        return state
 
     def encode_slow(self, history: History) -> Tensor:
         """Return the slow token, to be refreshed every 8 steps. Shape (batch, slow_width)."""
-        return self.encoder.slow_token(history)
+        return check_output("encoder", self.encoder.slow_token(history))
 
     def propose(
         self,
@@ -127,7 +132,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
                 begin = begin + levels
             steps = [max(1, round(settings.nfe * (1 - t))) for t in begin]
             drawn = self.prior.sample(starts, begin, steps, self.prior.context(state))
-            parts.append(self.scale.restore(drawn))
+            parts.append(check_output("prior", self.scale.restore(drawn)))
         if repaired is not None:
             parts.append(repaired.unsqueeze(1))
             branch = torch.cat([branch, torch.tensor([CONTACT])])
@@ -136,6 +141,8 @@ class DexFlexController(nn.Module, ModelHubMixin):
     def dream(self, state: State, candidates: Candidates | Tensor) -> Dream:
         """Predict the outcome of candidates; chunks have the shape (batch, candidates, horizon, 4, 3) [m]."""
         prediction = self.world_model(state, self.scale.normalize(_chunks(candidates)))
+        for output in prediction:
+            check_output("world model", output)
         return Dream(prediction.latent, prediction.contact_loss.sigmoid(), prediction.grasp_loss.sigmoid())
 
     def score(
@@ -156,9 +163,10 @@ class DexFlexController(nn.Module, ModelHubMixin):
             latent: `Dream.latent` of the candidates; zeros hide it.
         """
         normalize = self.scale.normalize
-        return self.ranker(
+        scores = self.ranker(
             state, normalize(draft), normalize(drafts_history), normalize(_chunks(candidates)), latent
         )
+        return check_output("score", scores)
 
     def decode(self, state: State, chunk: Tensor, latent: Tensor) -> Tensor:
         """Return the correction of the raw joint targets of a chunk [rad]. Shape (batch, 16).
@@ -168,7 +176,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
             chunk: Shape (batch, horizon, 4, 3) [m].
             latent: Its predicted outcome, zeros hide it. Shape (batch, latent_width).
         """
-        return self.decoder(state, self.scale.normalize(chunk), latent)
+        return check_output("decoder", self.decoder(state, self.scale.normalize(chunk), latent))
 
     def select(
         self,

@@ -9,10 +9,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import torch
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from lerobot_dexflex.controller.checkpoint import load_weights
+from lerobot_dexflex.controller.checkpoint import load_weights, save_weights
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.encoder import State
 from lerobot_dexflex.controller.prior import Context, Prior
@@ -108,8 +107,7 @@ class DiffusionPrior(nn.Module):
 
     def save(self, folder: Path) -> None:
         """Write the weights into a controller's folder."""
-        tensors = {name: value.detach().cpu().contiguous() for name, value in self.state_dict().items()}
-        save_file(tensors, folder / WEIGHTS, metadata={"format": "pt"})
+        save_weights(self, folder / WEIGHTS)
 
     @classmethod
     def load(cls, folder: Path, config: ControllerConfig) -> "DiffusionPrior":

@@ -93,7 +93,7 @@ class CorpusConfig:
     seed: int = 0
     """Of everything but the objects, whose seeds follow from their split."""
     workers: int = 2
-    """Worker processes; 0 works in this process. The data do not depend on it."""
+    """Worker processes; 0 works in this process. With `OMP_NUM_THREADS=1` the data do not depend on it."""
     jobs: Jobs = field(default_factory=Jobs)
     objects_per_job: int = 8
     steps_per_object: int = 600

@@ -20,7 +20,7 @@ from lerobot_dexflex.corpus.shard import Shard, concatenate, shard_path, write_s
 from lerobot_dexflex.corpus.world import World, vary_object
 from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.interfaces.registry import make_interface
+from lerobot_dexflex.interfaces.method import make_interface
 
 Episodes = dict[int, ReachEpisode]
 """Start of every object, by its seed."""
@@ -95,12 +95,11 @@ def _operated(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
 
 
 def _interfaced(config: CorpusConfig, episodes: Episodes) -> Iterator[Shard]:
-    options = {"controller": config.controller} if config.controller else {}
     waiting = (
         _driven(CorpusEnv(), episode, rng, INTERFACED, seed)
         for seed, episode, rng in _rounds(config, episodes, INTERFACED)
     )
-    for driven in run_interface(waiting, make_interface(config.interface, **options), len(episodes)):
+    for driven in run_interface(waiting, make_interface(config.interface, config.controller), len(episodes)):
         yield _finished(driven)
 
 

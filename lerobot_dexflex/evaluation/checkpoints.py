@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces.controller_folder import find_controller
+from lerobot_dexflex.evaluation.policy_files import check_policy_files, missing_files
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
@@ -36,7 +36,7 @@ def check_checkpoint(folder: Path, space: CommandSpace) -> None:
         "--dataset.repo_id=lerobot-dexflex/place_hammer --dataset.root=datasets/place_hammer "
         f"--output_dir=outputs/train/{space}"
     )
-    if missing := _missing_files(folder):
+    if missing := missing_files(folder):
         raise DexFlexError(f"No {space} checkpoint at {folder}: {', '.join(missing)} not found. {remedy}")
     config = _config(folder)
     if config.get("action_space") != space:
@@ -52,12 +52,13 @@ def check_backbone(folder: Path) -> None:
     Raises:
         DexFlexError: If files are missing.
     """
-    if missing := _missing_files(folder):
+    if missing := missing_files(folder):
         raise DexFlexError(
             f"No checkpoint at {folder}: {', '.join(missing)} not found. Give "
             "--backbone=<run>/checkpoints/last/pretrained_model of a policy that lerobot-train trained, "
             "e.g. with --policy.type=act."
         )
+    check_policy_files(folder)
 
 
 def policy_modules(folder: Path) -> tuple[str, ...]:
@@ -90,15 +91,22 @@ def load_checkpoint(checkpoint: Path, method: Method, device: str, controller: s
         controller: Overrides the checkpoint's controller; empty is the shipped one.
     """
     # LeRobot takes seconds to import; only workers pay.
+    from draccus.utils import DraccusException
     from lerobot.configs import PreTrainedConfig
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
     from lerobot.utils.import_utils import register_third_party_plugins
 
+    check_policy_files(checkpoint)
     register_third_party_plugins()
     overrides = [f"--interface={method.name}", f"--device={device}"]
     if method.learned:
-        overrides.append(f"--controller={find_controller(controller)}")
-    config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
+        overrides.append(f"--controller={method.weights(controller)[0].parent}")
+    try:
+        config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
+    except (ValueError, DraccusException) as error:
+        raise DexFlexError(
+            f"{checkpoint / 'config.json'} holds settings that this version does not know: {error}"
+        ) from error
     config.pretrained_path = checkpoint
     with contextlib.redirect_stdout(io.StringIO()):  # LeRobot announces every load; the bar would break.
         policy: Any = get_policy_class(config.type).from_pretrained(str(checkpoint), config=config)
@@ -114,6 +122,7 @@ def load_adapter(backbone: Path, method: Method, device: str, controller: str = 
     from lerobot.policies.factory import get_policy_class, make_policy_config, make_pre_post_processors
     from lerobot.utils.import_utils import register_third_party_plugins
 
+    check_policy_files(backbone)
     register_third_party_plugins()
     config: Any = make_policy_config(
         _ADAPTER, backbone_path=str(backbone), interface=method.name, controller=controller, device=device
@@ -129,14 +138,5 @@ def _modules(policy_type: str) -> tuple[str, ...]:
 
 
 def _config(folder: Path) -> dict[str, Any]:
-    try:
-        config = json.loads((folder / "config.json").read_text())
-    except ValueError as error:
-        raise DexFlexError(f"{folder}/config.json is damaged ({error}); train or copy it again.") from error
-    if not isinstance(config, dict):
-        raise DexFlexError(f"{folder}/config.json is damaged (no object); train or copy it again.")
-    return config
-
-
-def _missing_files(folder: Path) -> list[str]:
-    return [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]
+    check_policy_files(folder)
+    return json.loads((folder / "config.json").read_text())

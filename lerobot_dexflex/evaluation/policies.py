@@ -175,4 +175,5 @@ class LeRobotController:
         if self._policy.name != "dexflex_flow":
             return {}
         shape = (self._policy.config.chunk_size, len(self._policy.normalization.columns))
-        return {"noise": torch.stack([torch.randn(shape, generator=g) for g in self._generators])}
+        noise = torch.stack([torch.randn(shape, generator=g) for g in self._generators])
+        return {"noise": noise.to(self._policy.config.device)}

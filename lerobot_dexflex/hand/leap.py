@@ -4,6 +4,8 @@ Motor figures follow MuJoCo Playground's `leap_rh_mjx.xml` (Apache-2.0) where no
 over; the collision boxes are our own approximation of the meshes.
 """
 
+import math
+
 from lerobot_dexflex.hand.body import Box, Inertia, Link, Vector3
 from lerobot_dexflex.hand.body import Quaternion as Quaternion
 
@@ -23,6 +25,9 @@ ARMATURE = 0.0015
 """Reflected rotor inertia [kg m^2]: 1.7e-8 * 288^2 (MuJoCo Playground)."""
 TORQUE = 0.6
 """Torque limit [N m]; the thumb then presses with about 6 N."""
+MAX_SPEED = 81 * 2 * math.pi / 60
+"""Largest speed of a joint [rad/s]: the servo's, Dynamixel XC330-M288-T at 5 V without load, 81 rev/min
+(ROBOTIS e-manual)."""
 
 PALM_INERTIA = Inertia(
     0.237,

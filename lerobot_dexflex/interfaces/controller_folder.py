@@ -1,23 +1,19 @@
 """Find a trained controller: the shipped one, a folder, or one on the Hugging Face hub."""
 
-import hashlib
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.interfaces.registry import CONTROLLER_FILES
 
 SHIPPED = Path(__file__).resolve().parents[2] / "policies/checkpoints/controller_leap"
 """Where the repository keeps its own controller."""
-DEXFLEX_FILES = ("config.json", "model.safetensors")
-DEXGEN_FILES = (*DEXFLEX_FILES, "dexgen.safetensors")
-FILES = {"dexflex": DEXFLEX_FILES, "dexflex-notouch": DEXFLEX_FILES, "dexgen": DEXGEN_FILES}
-"""Files of a controller's folder that decide what an interface does."""
 _HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
 _TRAIN = "dexflex-train --config=configs/controller/leap.yaml"
 
 
-def find_controller(where: str | Path | None, files: Sequence[str] = DEXFLEX_FILES) -> Path:
+def find_controller(where: str | Path | None, files: Sequence[str] = CONTROLLER_FILES) -> Path:
     """Return the folder of a controller.
 
     Args:
@@ -39,29 +35,12 @@ def find_controller(where: str | Path | None, files: Sequence[str] = DEXFLEX_FIL
     return folder
 
 
-def controller_of(interface: str, where: str | Path | None) -> Path:
-    """Return the folder of a learned interface's controller; see `find_controller`."""
-    return find_controller(where, _files(interface))
-
-
-def _files(interface: str) -> tuple[str, ...]:
-    return FILES[interface.partition("@")[0]]
-
-
-def controller_digest(folder: Path, interface: str) -> str:
-    """Return a digest of what decides a learned interface's behaviour in a controller's folder."""
-    digest = hashlib.sha256()
-    for name in _files(interface):
-        digest.update(name.encode() + b"\0" + (folder / name).read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
-
-
 def _download(hub_id: str) -> Path:
     from huggingface_hub import snapshot_download
     from huggingface_hub.errors import HfHubHTTPError, HFValidationError, LocalEntryNotFoundError
 
     try:
-        return Path(snapshot_download(hub_id, allow_patterns=list(DEXGEN_FILES)))
+        return Path(snapshot_download(hub_id, allow_patterns=["*.json", "*.safetensors"]))
     except (HfHubHTTPError, HFValidationError, LocalEntryNotFoundError, OSError) as error:
         raise DexFlexError(
             f"No controller at {hub_id!r}: it is neither a folder here nor one that the hub gives "

@@ -1,8 +1,9 @@
 """Draft, dream, select: execute what the controller foresees to keep contact and still follow the draft."""
 
-import dataclasses
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -10,9 +11,11 @@ from torch import Tensor
 from lerobot_dexflex.controller import DexFlexController, History, Selection, SelectionSettings, State
 from lerobot_dexflex.controller.projection import project_draft
 from lerobot_dexflex.conventions import STATE
+from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces.explanation import Choice
 from lerobot_dexflex.interfaces.learned import LearnedInterface, Sensed
 from lerobot_dexflex.interfaces.plan import Plan
+from lerobot_dexflex.interfaces.registry import INTERFACES
 
 SLOW_PERIOD = 8
 """Control steps for which a slow token is kept."""
@@ -57,6 +60,11 @@ class DexFlexInterface(LearnedInterface):
     @torch.no_grad()
     def step(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Tensor:
         """Return the joint targets of the chosen chunk's next displacement; see `Interface.step`."""
+        with self._all_or_nothing():
+            targets = self._step(observation, draft)
+        return targets.to(observation[STATE].dtype if draft is None else draft.dtype)
+
+    def _step(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Tensor:
         sensed = self._sense(observation, draft)
         if self._slow_age is None:
             rows, device = len(sensed.joints), sensed.joints.device
@@ -69,8 +77,7 @@ class DexFlexInterface(LearnedInterface):
             if due.any():
                 plan = plan.renewed(due, self._choose(sensed))
         self._plan, self._slow_age = plan.older(), self._slow_age + 1
-        targets = self._execute(sensed, plan.displacement().double(), plan.residual.double(), plan.choice)
-        return targets.to(observation[STATE].dtype if draft is None else draft.dtype)
+        return self._execute(sensed, plan.displacement().double(), plan.residual.double(), plan.choice)
 
     def _choose(self, sensed: Sensed) -> Plan:
         draft = sensed.draft.draft.float()
@@ -118,14 +125,37 @@ class DexFlexInterface(LearnedInterface):
         )
 
 
-class DexFlexWithoutTouch(DexFlexInterface):
-    """The same controller with its touch hidden, to see what touch is worth. Satisfies `Interface`."""
+def make_dexflex(controller: str | Path | None, ablation: str = "", **options: Any) -> DexFlexInterface:
+    """Build the interface from the words of a method's name.
 
-    name: str = "dexflex-notouch"
+    Args:
+        controller: Folder or hub id; the shipped one if None.
+        ablation: See `ablated`.
+        **options: Of `SelectionSettings`.
+    """
+    return DexFlexInterface(controller, ablated(SelectionSettings(**options), ablation))
 
-    def __init__(
-        self,
-        controller: DexFlexController | str | Path | None = None,
-        settings: SelectionSettings | None = None,
-    ) -> None:
-        super().__init__(controller, dataclasses.replace(settings or SelectionSettings(), use_touch=False))
+
+def ablated(settings: SelectionSettings, ablation: str) -> SelectionSettings:
+    """Return the settings without one part; every ablation chooses among as many candidates.
+
+    Raises:
+        DexFlexError: If there is no such ablation.
+    """
+    match ablation:
+        case "":
+            return settings
+        case "noscore":
+            return replace(settings, use_score=False)
+        case "notouch":
+            return replace(settings, use_touch=False)
+        case "noconsequence":
+            return replace(settings, use_dream=False)
+        case "noslow":
+            return replace(settings, use_slow=False)
+        case "nopure":
+            return replace(settings, n_pure=0, n_seeded=settings.n_pure + settings.n_seeded)
+        case "noseeded":
+            total = settings.n_candidates
+            return replace(settings, n_pure=total, n_seeded=0, include_draft=False, project=False)
+    raise DexFlexError(f"Unknown ablation {ablation!r}. Valid: {', '.join(INTERFACES['dexflex'].ablations)}.")

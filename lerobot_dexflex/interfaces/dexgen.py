@@ -1,17 +1,20 @@
 """DexGen, the baseline: execute a sample of a diffusion prior that is guided toward the draft."""
 
+import functools
 from collections.abc import Mapping
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.controller import DexFlexController
+from lerobot_dexflex.controller import ControllerConfig, DexFlexController
 from lerobot_dexflex.controller.diffusion_prior import STEPS, DiffusionPrior
+from lerobot_dexflex.controller.finite import check_output
 from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces.controller_folder import DEXGEN_FILES
-from lerobot_dexflex.interfaces.learned import LearnedInterface
+from lerobot_dexflex.interfaces.controller_folder import find_controller
+from lerobot_dexflex.interfaces.learned import LearnedInterface, file_stamps
+from lerobot_dexflex.interfaces.registry import INTERFACES
 
 GUIDANCE = 30.0
 """Strength of the guidance, the best of 3, 10, 30 and 100 on tuning objects (log in `eval/README.md`)."""
@@ -53,12 +56,14 @@ class DexGenInterface(LearnedInterface):
                 f"`guidance` and `output_gain` must not be negative, `steps` must be in [1, {STEPS}]. "
                 f"Got {guidance}, {output_gain}, {steps}."
             )
-        super().__init__(controller, DEXGEN_FILES)
-        if prior is None and self.folder is None:
-            raise DexFlexError("Give `prior` together with a controller object, or the folder of both.")
         if prior is None:
-            assert self.folder is not None
-            prior = DiffusionPrior.load(self.folder, self.controller.config)
+            if isinstance(controller, DexFlexController):
+                raise DexFlexError("Give `prior` together with a controller object, or the folder of both.")
+            controller = find_controller(controller, INTERFACES["dexgen"].files)
+        super().__init__(controller)
+        if prior is None:
+            assert isinstance(controller, Path)
+            prior = _loaded_prior(controller.resolve(), file_stamps(controller))
         self.prior = prior.eval()
         self._guidance, self._steps, self._use_touch = guidance, steps, use_touch
         self._output_gain = output_gain
@@ -72,13 +77,24 @@ class DexGenInterface(LearnedInterface):
     @torch.no_grad()
     def step(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Tensor:
         """Return the joint targets of the guided sample's first displacement; see `Interface.step`."""
+        with self._all_or_nothing():
+            targets = self._step(observation, draft)
+        return targets.to(observation[STATE].dtype if draft is None else draft.dtype)
+
+    def _step(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Tensor:
         sensed = self._sense(observation, draft)
         history = sensed.history if self._use_touch else sensed.history.without_touch()
         prior, scale = self.prior, self.controller.scale
         context = prior.context(self.controller.encode(history))
         wanted = scale.normalize(sensed.draft.draft.float())
         noise = self._noise.to(wanted).expand(len(wanted), -1, -1)
-        chunk = scale.restore(prior.sample(noise, wanted, self._guidance, self._steps, context))[:, 0]
+        drawn = prior.sample(noise, wanted, self._guidance, self._steps, context)
+        chunk = check_output("prior of DexGen", scale.restore(drawn))[:, 0]
         displacement = self._output_gain * chunk[:, 0].double()
-        targets = self._execute(sensed, displacement, None, None)
-        return targets.to(observation[STATE].dtype if draft is None else draft.dtype)
+        return self._execute(sensed, displacement, None, None)
+
+
+@functools.cache
+def _loaded_prior(folder: Path, stamps: tuple[tuple[str, int, int], ...]) -> DiffusionPrior:
+    del stamps
+    return DiffusionPrior.load(folder, ControllerConfig.load(folder / "config.json"))

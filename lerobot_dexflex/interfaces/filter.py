@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.interfaces.protocol import CommandSpace
+from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces.raw import RawInterface
 
 SMOOTHING = 0.4
@@ -15,34 +15,31 @@ CLIP = 0.006
 that a clean command passes."""
 
 
-class FilterInterface:
+class FilterInterface(RawInterface):
     """One-pole low-pass, then a per-axis clip of the displacement, then raw. Satisfies `Interface`.
 
     Args:
         smoothing: Weight of the newest displacement, in (0, 1]; 1 does not smooth.
         clip: Largest displacement per axis and control step [m].
+
+    Raises:
+        DexFlexError: If one is out of its range.
     """
 
     name: str = "filter"
-    command_space: CommandSpace = "draft"
 
     def __init__(self, smoothing: float = SMOOTHING, clip: float = CLIP) -> None:
+        super().__init__()
         if not 0 < smoothing <= 1:
-            raise ValueError(f"`smoothing` must be in (0, 1]. Got {smoothing}.")
+            raise DexFlexError(f"`smoothing` must be in (0, 1]. Got {smoothing}.")
         if not clip > 0:
-            raise ValueError(f"`clip` must be positive [m]. Got {clip}.")
+            raise DexFlexError(f"`clip` must be positive [m]. Got {clip}.")
         self._smoothing, self._clip = smoothing, clip
-        self._raw = RawInterface()
         self._average: Tensor | None = None
-
-    @property
-    def command(self) -> Tensor | None:
-        """Executed commanded fingertips [m]. Shape (batch, 4, 3)."""
-        return self._raw.command
 
     def reset(self, mask: Tensor | None = None) -> None:
         """Begin a new episode in the rows of `mask`, or in all."""
-        self._raw.reset(mask)
+        super().reset(mask)
         if mask is None or self._average is None:
             self._average = None
             return
@@ -50,14 +47,10 @@ class FilterInterface:
         # NaN marks a row without a past: its next displacement becomes its average.
         self._average = self._average.masked_fill(mask[:, None, None], torch.nan)
 
-    def start(self, observation: Mapping[str, Tensor], initial: Tensor | None = None) -> Tensor:
-        """Return the commanded fingertips before this step [m], (batch, 4, 3); see `Interface.start`."""
-        return self._raw.start(observation, initial)
-
-    def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
-        """Return the joint targets of the filtered displacement; see `Interface.step`."""
-        newest = self._raw.displacement(observation, draft)
+    def displacement(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
+        """Return the filtered displacement [m]. Shape (batch, 4, 3)."""
+        newest = super().displacement(observation, draft)
         average = newest if self._average is None else self._average
         average = torch.where(average.isnan(), newest, average)
         self._average = average + self._smoothing * (newest - average)
-        return self._raw.move(observation, self._average.clamp(-self._clip, self._clip)).to(draft.dtype)
+        return self._average.clamp(-self._clip, self._clip)

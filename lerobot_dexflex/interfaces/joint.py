@@ -1,16 +1,15 @@
-"""Execute joint targets as they are."""
+"""Execute joint targets as they are, within the speed of the hand."""
 
 from collections.abc import Mapping
 
 from torch import Tensor
 
-from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.interfaces.commanded_hand import HAND_JOINTS, CommandedInterface, check_draft
+from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS, CommandedInterface, check_draft
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 
 class JointInterface(CommandedInterface):
-    """The identity: the policy's joint targets go to the hand. Satisfies `Interface`."""
+    """The policy's joint targets go to the hand, no faster than it can turn. Satisfies `Interface`."""
 
     name: str = "joint"
     command_space: CommandSpace = "joint"
@@ -18,6 +17,5 @@ class JointInterface(CommandedInterface):
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         """Return the draft's first joint targets [rad], shape (batch, 16); see `Interface.step`."""
         rows = len(self.start(observation))
-        targets = check_draft(draft, (HAND_JOINTS,), rows, "absolute hand joint targets [rad]")[:, 0]
-        self._hand.execute(targets, fingertips(targets))
-        return draft[:, 0]
+        targets = check_draft(draft, (N_JOINTS,), rows, "absolute hand joint targets [rad]")[:, 0]
+        return self._hand.execute(targets)[0].to(draft.dtype)

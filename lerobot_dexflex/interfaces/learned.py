@@ -1,6 +1,8 @@
 """What learned interfaces share: they see the past, doubt touch and drafts, move the hand and say why."""
 
-from collections.abc import Mapping
+import contextlib
+import functools
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,11 +13,11 @@ from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer
 from lerobot_dexflex.conventions import STATE, TACTILE
 from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips, solve_fingertips
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface
-from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, find_controller
+from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.draft_watch import DraftReading, DraftWatch, checked_draft
 from lerobot_dexflex.interfaces.explanation import Choice, Explanation, relative_change
 from lerobot_dexflex.interfaces.protocol import CommandSpace
-from lerobot_dexflex.interfaces.touch_watch import TouchReading, TouchWatch, checked_taxels
+from lerobot_dexflex.interfaces.touch_watch import TouchReading, TouchWatch
 
 
 class Sensed(NamedTuple):
@@ -40,20 +42,16 @@ class LearnedInterface(CommandedInterface):
     bridged and a wild one clipped. `explanation` tells.
 
     Args:
-        controller: The controller, its folder or hub id; the shipped one if None.
-        files: Files that its folder must hold.
+        controller: The controller, its folder or hub id; the shipped one if None. A folder's is loaded once
+            and shared: interfaces keep what they remember beside it.
     """
 
     command_space: CommandSpace = "draft"
 
-    def __init__(
-        self, controller: DexFlexController | str | Path | None, files: tuple[str, ...] = DEXFLEX_FILES
-    ) -> None:
+    def __init__(self, controller: DexFlexController | str | Path | None) -> None:
         super().__init__()
-        self.folder: Path | None = None
         if not isinstance(controller, DexFlexController):
-            self.folder = find_controller(controller, files)
-            controller = DexFlexController.from_pretrained(self.folder)
+            controller = shared_controller(find_controller(controller))
         self.controller = controller.eval()
         self._touch, self._drafts, self._past = TouchWatch(), DraftWatch(), HistoryBuffer()
         self._explanation: Explanation | None = None
@@ -71,15 +69,30 @@ class LearnedInterface(CommandedInterface):
         if mask is None:
             self._explanation = None
 
+    @contextlib.contextmanager
+    def _all_or_nothing(self) -> Iterator[None]:
+        """Forget a step that fails: nothing of it is remembered or executed.
+
+        Memories are tensors that are replaced and never written in place, so it is enough to keep references.
+        """
+        parts = (self, self._hand, self._touch, self._drafts, self._past)
+        before = [dict(vars(part)) for part in parts]
+        try:
+            yield
+        except BaseException:
+            for part, memory in zip(parts, before, strict=True):
+                vars(part).clear()
+                vars(part).update(memory)
+            raise
+
     def _move(self, device: torch.device) -> None:
         """Bring the networks to a device."""
         self.controller.to(device)
 
     def _sense(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Sensed:
-        """Take in this step's observation and draft, after refusing what is wrong with them."""
+        """Take in this step's observation and draft."""
         joints, tips = self._hand.start(observation)
         checked = checked_draft(draft, len(joints))
-        checked_taxels(observation, len(joints))
         if self.controller.scale.scale.device != joints.device:  # Asking each weight costs a millisecond.
             self._move(joints.device)
         touch = self._touch.look(observation, len(joints))
@@ -115,7 +128,23 @@ class LearnedInterface(CommandedInterface):
             raw = joints
             joints = (raw + residual).clamp(JOINT_LOWER.to(raw), JOINT_UPPER.to(raw))
             tips = tips + (fingertips(joints) - fingertips(raw))
-        self._hand.execute(joints, tips)
+        joints, tips = self._hand.execute(joints, tips)
         intervention = relative_change(tips - sensed.tips, sensed.draft.draft[:, 0])
         self._explanation = Explanation(intervention, sensed.touch.health, sensed.draft.health, choice)
         return joints
+
+
+def shared_controller(folder: Path) -> DexFlexController:
+    """Return the controller of a folder, loaded once per process as long as its files stay as they are."""
+    return _loaded(folder.resolve(), file_stamps(folder))
+
+
+def file_stamps(folder: Path) -> tuple[tuple[str, int, int], ...]:
+    """Return name, time of the last change [ns] and size of the files in a controller's folder."""
+    return tuple((f.name, f.stat().st_mtime_ns, f.stat().st_size) for f in sorted(folder.iterdir()))
+
+
+@functools.cache
+def _loaded(folder: Path, stamps: tuple[tuple[str, int, int], ...]) -> DexFlexController:
+    del stamps
+    return DexFlexController.from_pretrained(folder)

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 from torch import Tensor
 
-from lerobot_dexflex.hand.kinematics import solve_fingertips
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, check_draft
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
@@ -27,11 +26,3 @@ class RawInterface(CommandedInterface):
         """Return the draft's first displacement, checked [m]. Shape (batch, 4, 3), float64."""
         rows = len(self.start(observation))
         return check_draft(draft, (4, 3), rows, "displacements of the four commanded fingertips [m]")[:, 0]
-
-    def move(self, observation: Mapping[str, Tensor], displacement: Tensor) -> Tensor:
-        """Displace the commanded fingertips by (batch, 4, 3) [m]; returns joints (batch, 16) in float64."""
-        joints, tips = self._hand.start(observation)
-        tips = tips + displacement
-        joints = solve_fingertips(tips, joints)
-        self._hand.execute(joints, tips)
-        return joints

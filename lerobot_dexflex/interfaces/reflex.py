@@ -8,7 +8,7 @@ from torch import Tensor
 from lerobot_dexflex.conventions import STATE, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, pads
-from lerobot_dexflex.interfaces.commanded_hand import HAND_JOINTS
+from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS
 from lerobot_dexflex.interfaces.raw import RawInterface
 from lerobot_dexflex.interfaces.touch_watch import checked_taxels
 
@@ -52,7 +52,7 @@ class ReflexInterface(RawInterface):
         asked = super().displacement(observation, draft).clamp(-CLIP, CLIP)
         command = self.start(observation)
         loads = _loads(observation, len(command)).to(command)  # (batch, 4)
-        joints = observation[STATE][:, -HAND_JOINTS:].double()
+        joints = observation[STATE][:, -N_JOINTS:].double()
         inward = self._remember(loads, pads(joints)[1])
         measured = fingertips(joints)
         lead = command + asked - measured

@@ -1,88 +1,126 @@
-"""All action interfaces by name; a module is imported when its interface is made.
+"""All action interfaces by name, with what they take and need; known without importing them."""
 
-`NAME@GAIN`, as in `dexgen@0.4`, executes that share of what the interface would (`GainInterface`).
-"""
-
-import importlib
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces.protocol import CommandSpace, Interface
+from lerobot_dexflex.interfaces.options import NUMBER, NUMBERS, SWITCH, WHOLE, WORDS, Kind
+from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 _HERE = "lerobot_dexflex.interfaces"
+CONTROLLER_FILES = ("config.json", "model.safetensors")
+"""Files of a controller's folder that decide what its networks do."""
+SELECTION_OPTIONS: Mapping[str, Kind] = {
+    "n_pure": WHOLE,
+    "n_seeded": WHOLE,
+    "include_draft": SWITCH,
+    "project": SWITCH,
+    "contact_bias": NUMBER,
+    "levels": NUMBERS,
+    "seeds": WORDS,
+    "nfe": WHOLE,
+    "prefix": WHOLE,
+    "temperature": NUMBER,
+    "use_score": SWITCH,
+    "use_dream": SWITCH,
+    "use_touch": SWITCH,
+    "use_slow": SWITCH,
+    "use_residual": SWITCH,
+    "output_gain": NUMBER,
+    "seed": WHOLE,
+}
+"""Fields of `SelectionSettings` that a method's name may set."""
 
 
-class InterfaceEntry(NamedTuple):
-    """Where an interface lives and what it takes; known without importing it."""
+@dataclass(frozen=True)
+class InterfaceEntry:
+    """Where an interface lives, what it takes and what it needs."""
 
     module: str
     """Full name of its module."""
-    class_name: str
-    """Class in the module."""
+    maker: str
+    """Class in the module, or function that returns the interface, called with the options; also with
+    `controller` if there are `files`, and with `ablation` if there are ablations."""
     command_space: CommandSpace
     """What its drafts are."""
-    learned: bool = False
-    """Whether it needs a trained controller, its option `controller`."""
+    files: tuple[str, ...] = ()
+    """Files of a trained controller's folder that it needs; none if it is not learned."""
+    main_option: str = ""
+    """What an option without a key means."""
+    options: Mapping[str, Kind] = field(default_factory=dict)
+    """What it takes, by key."""
+    ablations: Mapping[str, str] = field(default_factory=dict)
+    """Its variants that lack something, and what they lack."""
 
 
-INTERFACES: dict[str, InterfaceEntry] = {
-    "joint": InterfaceEntry(f"{_HERE}.joint", "JointInterface", "joint"),
-    "raw": InterfaceEntry(f"{_HERE}.raw", "RawInterface", "draft"),
-    "filter": InterfaceEntry(f"{_HERE}.filter", "FilterInterface", "draft"),
-    "hold": InterfaceEntry(f"{_HERE}.hold", "HoldInterface", "draft"),
-    "shrink": InterfaceEntry(f"{_HERE}.shrink", "ShrinkInterface", "draft"),
-    "clip": InterfaceEntry(f"{_HERE}.clip", "ClipInterface", "draft"),
-    "reflex": InterfaceEntry(f"{_HERE}.reflex", "ReflexInterface", "draft"),
-    "dexgen": InterfaceEntry(f"{_HERE}.dexgen", "DexGenInterface", "draft", learned=True),
-    "dexflex": InterfaceEntry(f"{_HERE}.dexflex", "DexFlexInterface", "draft", learned=True),
-    "dexflex-notouch": InterfaceEntry(f"{_HERE}.dexflex", "DexFlexWithoutTouch", "draft", learned=True),
-}
+INTERFACES: dict[str, InterfaceEntry] = {}
 
 
-def interface_entry(name: str) -> InterfaceEntry:
-    """Return the entry of an interface, `NAME` or `NAME@GAIN`.
+def register(name: str, entry: InterfaceEntry) -> None:
+    """Make an interface known by a name.
 
     Raises:
-        DexFlexError: If there is no such interface, or it has no displacement that could be scaled.
+        DexFlexError: If the name is taken or cannot be part of a method's name.
     """
-    plain, gain = _split(name)
-    if plain not in INTERFACES:
-        raise DexFlexError(f"Unknown interface {plain!r}. Valid interfaces: {', '.join(INTERFACES)}.")
-    if gain is not None and INTERFACES[plain].command_space != "draft":
-        raise DexFlexError(f"Only displacements can be scaled; {plain!r} executes joint targets.")
-    return INTERFACES[plain]
+    if name in INTERFACES:
+        raise DexFlexError(f"There is an interface {name!r} already: {INTERFACES[name].module}.")
+    if not name.isidentifier():
+        raise DexFlexError(f"An interface's name must be letters, digits and '_'. Got {name!r}.")
+    INTERFACES[name] = entry
 
 
-def make_interface(name: str, **options: Any) -> Interface:
-    """Build an interface by name.
-
-    Args:
-        name: A key of `INTERFACES`, `@` and a gain in (0, 1] appended or not.
-        **options: Arguments of the interface's class; learned ones take `controller`.
-
-    Raises:
-        DexFlexError: If there is no such interface, or no controller where one is needed.
-    """
-    entry, gain = interface_entry(name), _split(name)[1]
-    interface = getattr(importlib.import_module(entry.module), entry.class_name)(**options)
-    if gain is None:
-        return interface
-    return importlib.import_module(f"{_HERE}.gain").GainInterface(interface, gain)
-
-
-def _split(name: str) -> tuple[str, float | None]:
-    """Return an interface's plain name and its gain.
-
-    Raises:
-        DexFlexError: If the gain is none.
-    """
-    plain, at, word = name.partition("@")
-    if not at:
-        return plain, None
-    try:
-        gain = float(word)
-    except ValueError:
-        gain = 0.0
-    if not 0 < gain <= 1:
-        raise DexFlexError(f"An interface's gain must be in (0, 1], as in {plain}@0.4. Got {name!r}.")
-    return plain, gain
+register("joint", InterfaceEntry(f"{_HERE}.joint", "JointInterface", "joint"))
+register("raw", InterfaceEntry(f"{_HERE}.raw", "RawInterface", "draft"))
+register(
+    "filter",
+    InterfaceEntry(
+        f"{_HERE}.filter", "FilterInterface", "draft", options={"smoothing": NUMBER, "clip": NUMBER}
+    ),
+)
+register("hold", InterfaceEntry(f"{_HERE}.hold", "HoldInterface", "draft"))
+register(
+    "shrink",
+    InterfaceEntry(
+        f"{_HERE}.shrink", "ShrinkInterface", "draft", main_option="gain", options={"gain": NUMBER}
+    ),
+)
+register(
+    "clip",
+    InterfaceEntry(f"{_HERE}.clip", "ClipInterface", "draft", main_option="limit", options={"limit": NUMBER}),
+)
+register("reflex", InterfaceEntry(f"{_HERE}.reflex", "ReflexInterface", "draft"))
+register(
+    "dexgen",
+    InterfaceEntry(
+        f"{_HERE}.dexgen",
+        "DexGenInterface",
+        "draft",
+        files=(*CONTROLLER_FILES, "dexgen.safetensors"),
+        main_option="guidance",
+        options={
+            "guidance": NUMBER,
+            "steps": WHOLE,
+            "use_touch": SWITCH,
+            "output_gain": NUMBER,
+            "seed": WHOLE,
+        },
+    ),
+)
+register(
+    "dexflex",
+    InterfaceEntry(
+        f"{_HERE}.dexflex",
+        "make_dexflex",
+        "draft",
+        files=CONTROLLER_FILES,
+        options=SELECTION_OPTIONS,
+        ablations={
+            "noscore": "the proposal nearest to the draft is executed instead of the best scored one",
+            "notouch": "its touch is hidden",
+            "noconsequence": "score and decoder do not see the predicted outcome",
+            "nopure": "no proposal ignores the draft",
+            "noseeded": "no proposal starts from the draft, and neither it nor its projection is one",
+            "noslow": "the slow token is hidden",
+        },
+    ),
+)

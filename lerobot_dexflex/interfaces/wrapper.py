@@ -1,4 +1,4 @@
-"""What interfaces that wrap another one share."""
+"""What interfaces around another interface share."""
 
 from collections.abc import Mapping
 
@@ -8,10 +8,14 @@ from lerobot_dexflex.interfaces.explanation import Explanation
 from lerobot_dexflex.interfaces.protocol import CommandSpace, Interface
 
 
-class WrappedInterface:
-    """Passes all to an interface. Satisfies `Interface`."""
+class WrappedInterface[Inner: Interface]:
+    """Passes everything to another interface; subclasses change what they are about. Satisfies `Interface`.
 
-    def __init__(self, inner: Interface) -> None:
+    Args:
+        inner: The interface, as `inner`.
+    """
+
+    def __init__(self, inner: Inner) -> None:
         self.inner = inner
         self.name: str = inner.name
         self.command_space: CommandSpace = inner.command_space
@@ -23,7 +27,7 @@ class WrappedInterface:
 
     @property
     def explanation(self) -> Explanation | None:
-        """Why the interface did what it did in the last step, if it tells."""
+        """Why the inner interface did what it did in the last step; None if it does not tell."""
         return getattr(self.inner, "explanation", None)
 
     def reset(self, mask: Tensor | None = None) -> None:

@@ -2,6 +2,7 @@
 
 import functools
 import os
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +20,7 @@ from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.interfaces import Interface
-from lerobot_dexflex.interfaces.method import make_interface
+from lerobot_dexflex.interfaces import Interface, make_interface
 from lerobot_dexflex.recording.schema import columns, rounded
 
 
@@ -150,9 +150,12 @@ def save_attempt(attempt: Attempt, folder: Path) -> None:
     temporary = path.with_suffix(f".{os.getpid()}.tmp")
     head = {f"head.{name}": value for name, value in vars(attempt).items() if name != "frames"}
     arrays: dict[str, Any] = head | attempt.frames
-    with temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)
-    temporary.replace(path)
+    try:
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def load_attempt(path: Path, frames: bool = True) -> Attempt:
@@ -165,8 +168,20 @@ def load_attempt(path: Path, frames: bool = True) -> Attempt:
         with np.load(path) as file:
             head = {key.removeprefix("head."): file[key].item() for key in file if key.startswith("head.")}
             kept = {key: file[key] for key in file if frames and not key.startswith("head.")}
-            return Attempt(**head, frames=kept)
-    except (OSError, ValueError, TypeError, BadZipFile) as error:
+        attempt = Attempt(**head, frames=kept)
+        _check_loaded(attempt, path, frames)
+    except (OSError, ValueError, TypeError, KeyError, EOFError, BadZipFile, zlib.error) as error:
         raise DexFlexError(
             f"{path} is no recorded attempt ({error}); delete it to record it again."
         ) from error
+    return attempt
+
+
+def _check_loaded(attempt: Attempt, path: Path, frames: bool) -> None:
+    if type(attempt.success) is not bool:
+        raise ValueError(f"success must be true or false, got {attempt.success!r}")
+    if path != attempt_path(path.parent, attempt.index):
+        raise ValueError(f"it is attempt {attempt.index}")
+    steps = {len(values) for values in attempt.frames.values()}
+    if frames and steps != ({attempt.steps} if attempt.success else set()):
+        raise ValueError(f"columns of {sorted(steps)} frames in {attempt.steps} steps")

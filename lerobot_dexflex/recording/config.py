@@ -7,9 +7,9 @@ from typing import Any
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module
-from lerobot_dexflex.interfaces import interface_entry
-from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
-from lerobot_dexflex.interfaces.method import require_drafts
+from lerobot_dexflex.interfaces.method import Method, require_drafts
+from lerobot_dexflex.recording.repo import check_repo_id
+from lerobot_dexflex.runs.provenance import weights_digest
 
 LARGEST_NOISE = 0.02
 """Of `glove_noise` [m]: a fingertip's size."""
@@ -44,7 +44,7 @@ class RecordConfig:
     root: Path = Path("outputs/recording")
     """Folder of the dataset; must not exist, or must hold an unfinished recording of the same recipe."""
     repo_id: str = ""
-    """Name on the Hub; empty means `lerobot-dexflex/<name of the root folder>`."""
+    """Name on the Hub, one that it allows; empty means `lerobot-dexflex/<name of the root folder>`."""
     workers: int = 2
     """Worker processes; 0 records in this process. The data do not depend on it."""
     max_attempts: int = 0
@@ -84,10 +84,11 @@ class RecordConfig:
                 "0 chooses twice the episodes plus 10."
             )
         self.root = Path(self.root)
+        if not self.root.resolve().name:
+            raise DexFlexError(f"`root` must be a folder with a name. Got {self.root}.")
         if not self.repo_id:
             self.repo_id = f"lerobot-dexflex/{self.root.resolve().name}"
-        if self.repo_id.count("/") != 1 or not all(self.repo_id.split("/")):
-            raise DexFlexError(f"`repo_id` must look like 'user/dataset'. Got {self.repo_id!r}.")
+        check_repo_id(self.repo_id)
 
     @property
     def controller_digest(self) -> str:
@@ -96,15 +97,14 @@ class RecordConfig:
         Raises:
             DexFlexError: If it is not there.
         """
-        if not interface_entry(self.interface).learned:
-            return ""
-        return controller_digest(controller_of(self.interface, self.controller), self.interface)
+        weights = Method.parse(self.interface).weights(self.controller)
+        return weights_digest(weights) if weights else ""
 
     @property
     def modules(self) -> tuple[str, ...]:
         """Modules whose source decides what an episode contains, with all that they import."""
-        task, interface = TASKS[self.task].module, interface_entry(self.interface).module
-        return ("lerobot_dexflex.recording.attempt", task, expert_module(self.task), interface)
+        task, interface = TASKS[self.task].module, Method.parse(self.interface).modules
+        return ("lerobot_dexflex.recording.attempt", task, expert_module(self.task), *interface)
 
     @property
     def attempt_limit(self) -> int:

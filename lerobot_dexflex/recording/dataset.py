@@ -1,12 +1,16 @@
 """Assemble the LeRobotDataset from recorded attempts, always in the same order."""
 
+import contextlib
 import json
+import platform
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import av.logging
+import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
 from datasets import disable_progress_bars
@@ -14,14 +18,20 @@ from lerobot.configs.video import RGBEncoderConfig
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
 from lerobot_dexflex.recording.attempt import Attempt, attempt_path, load_attempt
 from lerobot_dexflex.recording.card import write_card
 from lerobot_dexflex.recording.config import RecordConfig
+from lerobot_dexflex.recording.integrity import DamagedDatasetError, check_dataset
 from lerobot_dexflex.recording.moments import write_exact_moments
 from lerobot_dexflex.recording.schema import FPS, columns, lerobot_features, robot_type
 from lerobot_dexflex.recording.staging import RECORD_FILE
 
+_KERNELS = "SSE2" if platform.machine() in ("x86_64", "AMD64") else "0"
+"""Of x264: its AVX-512 kernels give other bytes each time in videos as narrow as ours; these do as C does."""
+_FAILED_WRITES = (OSError, RuntimeError, pa.ArrowException, DamagedDatasetError)
+"""As what a full disk comes: encoder threads raise RuntimeError, or nothing, and then frames are missing."""
 _RECIPE_HEADER = """\
 # Recorded by `dexflex-record`; record it again with
 #   dexflex-record --config_path={root}/recipe.yaml --root=<new folder>
@@ -39,7 +49,7 @@ def assemble(
 ) -> None:
     """Write the successful attempts to `config.root`, replacing what an interrupted run left there.
 
-    The new dataset is built inside `staging` and takes its place in one rename.
+    The new dataset is built inside `staging`, read back, and takes its place in one rename.
 
     Args:
         config: The recipe.
@@ -47,9 +57,39 @@ def assemble(
         attempts: All finished attempts, without frames, in order; at least one succeeded.
         origin: Result of `provenance`.
         progress: Wraps the episodes that are written, for a progress bar.
+
+    Raises:
+        DexFlexError: If an attempt's file is damaged or the dataset could not be written; what was in
+            `config.root` is still there, and so are the attempts.
     """
-    build, previous = staging / "dataset", staging / "previous"
+    root, build, previous = config.root.resolve(), staging / "dataset", staging / "previous"
     shutil.rmtree(build, ignore_errors=True)
+    try:
+        with _temporary_files_in(staging):
+            _build(config, staging, attempts, origin, build, progress)
+    except BaseException as error:
+        shutil.rmtree(build, ignore_errors=True)
+        if not isinstance(error, _FAILED_WRITES):
+            raise
+        raise DexFlexError(
+            f"The dataset could not be written: {error} Nothing is lost: all {len(attempts)} attempts are in "
+            f"{staging}. Is the disk full? Free some space, then run the same command again."
+        ) from error
+    shutil.rmtree(previous, ignore_errors=True)
+    if root.exists():
+        root.rename(previous)
+    build.rename(root)
+    shutil.rmtree(previous, ignore_errors=True)
+
+
+def _build(
+    config: RecordConfig,
+    staging: Path,
+    attempts: Sequence[Attempt],
+    origin: dict[str, Any],
+    build: Path,
+    progress: Callable[[Iterable[Attempt]], Iterable[Attempt]],
+) -> None:
     successes = [attempt for attempt in attempts if attempt.success]
     _write_episodes(config, staging, successes, build, progress)
     for file in build.glob("data/*/*.parquet"):
@@ -70,12 +110,18 @@ def assemble(
     write_card(build)
     for video in build.rglob("*.mp4"):
         video.chmod(0o644)  # LeRobot moves them out of private temporary files.
-    shutil.rmtree(previous, ignore_errors=True)
-    if config.root.exists():
-        config.root.rename(previous)
-    config.root.parent.mkdir(parents=True, exist_ok=True)
-    build.rename(config.root)
-    shutil.rmtree(previous, ignore_errors=True)
+    check_dataset(build)
+
+
+@contextlib.contextmanager
+def _temporary_files_in(folder: Path) -> Iterator[None]:
+    """Keep LeRobot's temporary files, as large as the videos, on this disk, and leave none behind."""
+    with tempfile.TemporaryDirectory(dir=folder) as temporary:
+        before, tempfile.tempdir = tempfile.tempdir, temporary
+        try:
+            yield
+        finally:
+            tempfile.tempdir = before
 
 
 def _write_episodes(
@@ -97,21 +143,32 @@ def _write_episodes(
         root=build,
         robot_type=robot_type(joints),
         rgb_encoder=RGBEncoderConfig(
-            vcodec="h264", pix_fmt="yuv420p", g=config.video.gop, crf=config.video.crf, preset="slow"
+            vcodec="h264",
+            pix_fmt="yuv420p",
+            g=config.video.gop,
+            crf=config.video.crf,
+            preset="slow",
+            extra_options={"x264-params": f"asm={_KERNELS}"},
         ),
         streaming_encoding=True,
         encoder_queue_maxsize=10_000,  # LeRobot drops frames when this queue is full; an episode must fit.
         encoder_threads=1,
         video_backend="pyav",
     )
-    for attempt in progress(successes):
-        frames = load_attempt(attempt_path(staging, attempt.index)).frames
-        for k in range(attempt.steps):
-            dataset.add_frame(
-                {key: values[k] for key, values in frames.items()} | {"task": TASKS[config.task].description}
-            )
-        dataset.save_episode()
-    dataset.finalize()
+    task = {"task": TASKS[config.task].description}
+    try:
+        for attempt in progress(successes):
+            frames = load_attempt(attempt_path(staging, attempt.index)).frames
+            for k in range(attempt.steps):
+                dataset.add_frame({key: values[k] for key, values in frames.items()} | task)
+            dataset.save_episode()
+        dataset.finalize()
+    except BaseException:
+        if dataset.writer is not None:
+            dataset.writer.cancel_pending_videos()  # Else its threads go on writing, ...
+        with contextlib.suppress(Exception):
+            dataset.meta.finalize()  # ... and it writes its index once it is forgotten.
+        raise
 
 
 def compress(file: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-STATS_FILE = Path("meta/stats.json")
+from lerobot_dexflex.recording.integrity import STATS_FILE
 
 
 def write_exact_moments(root: Path) -> None:
@@ -14,7 +14,8 @@ def write_exact_moments(root: Path) -> None:
 
     LeRobot 0.6.1 accumulates them in float32: a column that never changes gets a deviation between 0 and 1e-3
     and a mean that is off by 5e-7, and normalising by these turns a constant into a huge target. Found by
-    third-party graders, see `datasets/README.md`.
+    third-party graders, see `datasets/README.md`. Its keys are a set, in another order in every process; here
+    they are sorted.
 
     Args:
         root: Folder of the dataset.
@@ -31,4 +32,4 @@ def write_exact_moments(root: Path) -> None:
         constant = values.min(0) == values.max(0)
         stats[key]["mean"] = np.where(constant, values[0], values.mean(0)).tolist()
         stats[key]["std"] = np.where(constant, 0.0, values.std(0)).tolist()
-    (root / STATS_FILE).write_text(json.dumps(stats, indent=4))
+    (root / STATS_FILE).write_text(json.dumps(stats, indent=4, sort_keys=True))

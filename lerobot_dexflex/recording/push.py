@@ -7,9 +7,10 @@ from tempfile import TemporaryDirectory
 
 import httpx
 from huggingface_hub import HfApi, get_token
-from huggingface_hub.errors import HFValidationError, RevisionNotFoundError
+from huggingface_hub.errors import RevisionNotFoundError
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.recording.repo import check_repo_id
 from lerobot_dexflex.recording.upload import Upload, build_upload
 
 
@@ -38,11 +39,12 @@ def push(root: Path, repo_id: str) -> None:
         repo_id: Its name on the Hub.
 
     Raises:
-        DexFlexError: If the recording is unfinished or damaged, or the Hub cannot be reached or refuses.
+        DexFlexError: If the Hub allows no such name, cannot be reached or refuses, or the recording is
+            unfinished or damaged.
     """
     api = HfApi()
     with TemporaryDirectory() as temporary:
-        upload = build_upload(root, repo_id, Path(temporary))
+        upload = build_upload(root, repo_id, Path(temporary) / "upload")
         with _hub_errors(root, repo_id):
             api.create_repo(repo_id, repo_type="dataset", exist_ok=True)
             commit = api.upload_folder(
@@ -61,7 +63,11 @@ def push(root: Path, repo_id: str) -> None:
 
 
 def dry_run(root: Path, repo_id: str, home: Path) -> None:
-    """Build in `home/repo_id` exactly what `push` would upload, without network, and list it.
+    """Build in `home/repo_id` the files that `push` would upload, byte by byte, without network; list them.
+
+    What only the Hub knows is not tried: the login, the right to write, files that are there already. `push`
+    deletes those that lie in `data`, `meta` or `videos` and are not among these; the Hub adds its own
+    `.gitattributes`.
 
     LeRobot looks for datasets by name in `HF_LEROBOT_HOME`, so with `home` there it loads this one.
 
@@ -71,9 +77,17 @@ def dry_run(root: Path, repo_id: str, home: Path) -> None:
         home: Folder of folders of datasets.
 
     Raises:
-        DexFlexError: If the recording is unfinished or damaged, or `home/repo_id` holds anything.
+        DexFlexError: If the Hub allows no such name, the recording is unfinished or damaged, or
+            `home/repo_id` holds anything or lies outside of `home`, behind a link.
     """
-    upload = build_upload(root, repo_id, home / repo_id)
+    check_repo_id(repo_id)
+    folder = home / repo_id
+    if folder.resolve() != home.resolve() / repo_id:
+        raise DexFlexError(
+            f"{folder} is {folder.resolve()}, behind a link, and a dry run writes only in its own folder. "
+            "Choose another --push_dry_run; nothing was changed."
+        )
+    upload = build_upload(root, repo_id, folder)
     print(f"{upload.folder} is what --push would upload to https://huggingface.co/datasets/{repo_id}:")
     print(_listing(upload))
     print(f"Load it by its name, offline, with HF_LEROBOT_HOME={home} and --dataset.repo_id={repo_id}")
@@ -91,10 +105,6 @@ def _hub_errors(root: Path, repo_id: str) -> Iterator[None]:
     """Explain what the Hub or the network refused; what was recorded stays as it is."""
     try:
         yield
-    except HFValidationError as error:
-        raise DexFlexError(
-            f"The Hub allows no dataset {repo_id!r}: {error} Choose another --repo_id."
-        ) from error
     except (httpx.HTTPError, OSError) as error:
         reason = str(error).strip() or type(error).__name__
         raise DexFlexError(

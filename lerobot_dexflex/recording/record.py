@@ -11,13 +11,15 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import torch
 from tqdm import tqdm
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.recording.attempt import Attempt, run_attempt, save_attempt
 from lerobot_dexflex.recording.config import RecordConfig
-from lerobot_dexflex.recording.staging import is_complete, open_staging, staged_attempts
+from lerobot_dexflex.recording.staging import is_complete, open_staging, staged_attempts, staging_folder
+from lerobot_dexflex.runs.lock import locked
 from lerobot_dexflex.runs.provenance import provenance
 from lerobot_dexflex.runs.workers import run_each
 
@@ -37,13 +39,25 @@ def record(config: RecordConfig, arguments: list[str] | None = None) -> bool:
         Whether the dataset is complete; False after an interrupt.
 
     Raises:
-        DexFlexError: If the output folder holds something else, the task has no expert, or the expert
-            fails too often. Finished episodes are never lost.
+        DexFlexError: If the output folder holds something else or another process records there, the task
+            has no expert, the expert fails too often, or the disk is full. Finished episodes are never lost.
     """
     make_expert(config.task)
-    if is_complete(config):
-        print(f"{config.root} is complete: {config.episodes} episodes of this recipe. Nothing to record.")
-        return True
+    try:
+        if not is_complete(config):
+            with locked(config.root):
+                if not is_complete(config):  # Another process may have finished it in between.
+                    return _record(config, arguments)
+    except OSError as error:
+        raise DexFlexError(
+            f"Recording stopped: {error}. Finished attempts are kept in {staging_folder(config.root)}. "
+            "Is the disk full? Free some space, then run the same command again to continue."
+        ) from error
+    print(f"{config.root} is complete: {config.episodes} episodes of this recipe. Nothing to record.")
+    return True
+
+
+def _record(config: RecordConfig, arguments: list[str] | None) -> bool:
     origin = provenance("dexflex-record", config.modules, arguments) | {
         "controller": config.controller_digest
     }
@@ -109,16 +123,28 @@ def _collect(config: RecordConfig, staging: Path, known: dict[int, Attempt]) -> 
 
 
 def _record_attempt(config: RecordConfig, staging: str, index: int) -> Attempt:
-    attempt = run_attempt(
-        config.task,
-        config.seed,
-        index,
-        glove_noise=config.glove_noise,
-        interface=config.interface,
-        controller=config.controller,
-    )
+    with _one_thread():
+        attempt = run_attempt(
+            config.task,
+            config.seed,
+            index,
+            glove_noise=config.glove_noise,
+            interface=config.interface,
+            controller=config.controller,
+        )
     save_attempt(attempt, Path(staging))
     return dataclasses.replace(attempt, frames={})
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let networks add up in one order: more threads change last bits, and contacts make them visible."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _assemble(config: RecordConfig, staging: Path, attempts: list[Attempt], origin: dict[str, Any]) -> None:

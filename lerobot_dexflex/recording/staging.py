@@ -15,7 +15,8 @@ RECORD_FILE = Path("meta/recording.json")
 
 def staging_folder(root: Path) -> Path:
     """Return where the attempts of an unfinished recording wait."""
-    return root.with_name(f"{root.name}.partial")
+    where = root.resolve()
+    return where.with_name(f"{where.name}.partial")
 
 
 def is_complete(config: RecordConfig) -> bool:
@@ -52,7 +53,7 @@ def open_staging(config: RecordConfig) -> Path:
     staging = staging_folder(config.root)
     manifest = staging / "manifest.json"
     if manifest.is_file():
-        found = json.loads(manifest.read_text())
+        found = _read_manifest(manifest)
         _check_same_recipe(config, found["recipe"], staging)
         if found.get("controller", "") != config.controller_digest:
             raise DexFlexError(
@@ -65,16 +66,16 @@ def open_staging(config: RecordConfig) -> Path:
                 "both would make a dataset nobody can reproduce. Go back to that code, choose another "
                 f"--root, or delete {staging} to start again."
             )
-        for leftover in staging.glob("*.tmp"):
+        for leftover in staging.glob("*.tmp"):  # Of a process that was killed: this folder is ours alone.
             leftover.unlink()
         return staging
-    if staging.exists() and any(staging.iterdir()):
+    temporary = manifest.with_suffix(".json.tmp")
+    if staging.exists() and (not staging.is_dir() or set(staging.iterdir()) - {temporary}):
         raise DexFlexError(
             f"{staging} exists and is no staging folder of dexflex-record. Choose another --root, or move it "
             "away; nothing was changed."
         )
     staging.mkdir(parents=True, exist_ok=True)
-    temporary = manifest.with_suffix(".json.tmp")
     origin = {"code": code_digest(config.modules), "controller": config.controller_digest}
     temporary.write_text(json.dumps({"recipe": config.to_dict(), **origin}, indent=2))
     temporary.replace(manifest)
@@ -87,19 +88,43 @@ def staged_attempts(staging: Path) -> dict[int, Attempt]:
     return {attempt.index: attempt for attempt in attempts}
 
 
+def _read_manifest(manifest: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(manifest.read_text())
+        _check_types(found, {"recipe": dict, "code": str})
+    except (OSError, ValueError) as error:
+        raise DexFlexError(
+            f"{manifest} is damaged ({error}), so the recipe of the attempts beside it is unknown. "
+            f"Choose another --root, or delete {manifest.parent} to start again."
+        ) from error
+    return found
+
+
 def read_record(root: Path) -> dict[str, Any]:
     """Return what `RECORD_FILE` of a dataset says.
 
     Raises:
-        DexFlexError: If there is none.
+        DexFlexError: If there is none, or it is damaged.
     """
+    types = {"complete": bool, "episodes": int, "expert": dict, "recipe": dict, "episode_seeds": list}
     try:
-        return json.loads((root / RECORD_FILE).read_text())
+        record = json.loads((root / RECORD_FILE).read_text())
+        _check_types(record, types | {"attempts": list})
+        _check_types(record["recipe"], {"repo_id": str, "episodes": int})
     except (OSError, ValueError) as error:
         raise DexFlexError(
-            f"{root} exists and is no recording of dexflex-record (no readable {RECORD_FILE}). Choose "
-            "another --root, or move it away; nothing was changed."
+            f"{root} exists and is no recording of dexflex-record (no readable {RECORD_FILE}: {error}). "
+            "Choose another --root, or move it away; nothing was changed."
         ) from error
+    return record
+
+
+def _check_types(found: object, types: dict[str, type]) -> None:
+    if not isinstance(found, dict):
+        raise ValueError(f"a table of {', '.join(types)} was expected")
+    for key, wanted in types.items():
+        if type(found.get(key)) is not wanted:
+            raise ValueError(f"{key} must be of type {wanted.__name__}, got {found.get(key)!r}")
 
 
 def _check_same_recipe(config: RecordConfig, found: dict[str, Any], where: Path) -> None:

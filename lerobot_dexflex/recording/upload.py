@@ -1,20 +1,18 @@
 """The folder that goes to the Hub: the dataset's own files, named by the dataset itself."""
 
-import json
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import pyarrow.parquet as pq
+import yaml
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.recording.integrity import DamagedDatasetError, check_dataset, reading, require
+from lerobot_dexflex.recording.repo import check_repo_id
 from lerobot_dexflex.recording.staging import RECORD_FILE, read_record
 
-_ALWAYS = ("README.md", "recipe.yaml", RECORD_FILE, "meta/info.json", "meta/stats.json", "meta/tasks.parquet")
-_NAMING = ("README.md", "recipe.yaml")
-"""Files that tell the reader the dataset's name on the Hub."""
+_CARD, _RECIPE = Path("README.md"), Path("recipe.yaml")
 
 
 class Upload(NamedTuple):
@@ -30,8 +28,9 @@ class Upload(NamedTuple):
 def build_upload(root: Path, repo_id: str, folder: Path) -> Upload:
     """Copy what belongs on the Hub from a finished recording to `folder`.
 
-    Only files that the dataset's own index names are taken. Card and recipe get the name `repo_id`, in case
-    the dataset was recorded under another one; everything else is copied byte by byte.
+    Every file is read and every frame counted first. Only files that the dataset's own index names are taken.
+    Card and recipe get the name `repo_id`, in case the dataset was recorded under another one; everything
+    else is copied byte by byte.
 
     Args:
         root: Folder of the dataset.
@@ -39,62 +38,62 @@ def build_upload(root: Path, repo_id: str, folder: Path) -> Upload:
         folder: Created; may exist if empty.
 
     Raises:
-        DexFlexError: If the recording is unfinished or damaged, or the folder holds anything.
+        DexFlexError: If the Hub allows no such name, the recording is unfinished or damaged, or the folder
+            holds anything.
     """
+    check_repo_id(repo_id)
     record = read_record(root)
     if not record["complete"]:
         raise DexFlexError(
             f"{root} is unfinished ({record['episodes']} of {record['recipe']['episodes']} episodes), so "
             "nothing was uploaded. Finish it with the command that started it, then push."
         )
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
         raise DexFlexError(f"{folder} exists. Choose another folder, or delete it; nothing was changed.")
-    info, files = _own_files(root)
-    for file in files:
-        (folder / file).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(root / file, folder / file)
-    recorded_name = rf"(?<![\w.-]){re.escape(record['recipe']['repo_id'])}(?![\w.-])"
-    for name in _NAMING:
-        (folder / name).write_text(re.sub(recorded_name, repo_id, (root / name).read_text()))
+    try:
+        require(root, [_CARD, _RECIPE, RECORD_FILE])
+        info, own = check_dataset(root)
+        _check_record(root, record, info)
+    except DamagedDatasetError as error:
+        raise DexFlexError(
+            f"{error} Restore it, or record it again into another --root; nothing was uploaded."
+        ) from error
+    files = sorted({_CARD, _RECIPE, RECORD_FILE, *own})
+    try:
+        _copy(root, files, folder, record["recipe"]["repo_id"], repo_id)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)  # Half of a dataset must not be taken for one.
+        raise
     return Upload(folder, files, info["codebase_version"])
 
 
-def _own_files(root: Path) -> tuple[dict[str, Any], list[Path]]:
-    """Return LeRobot's description of the dataset and all files that belong to it."""
-    try:
-        info = json.loads((root / "meta/info.json").read_text())
-        files = sorted({*map(Path, _ALWAYS), *_indexed_files(root, info)})
-    except (OSError, ValueError, KeyError) as error:
-        raise DexFlexError(f"{root} is no readable LeRobotDataset ({error}). {_REMEDY}") from error
-    missing = [file.as_posix() for file in files if not (root / file).is_file()]
-    if missing:
-        raise DexFlexError(f"{root} lacks {', '.join(missing)}. {_REMEDY}")
-    return info, files
+def _check_record(root: Path, record: dict[str, Any], info: dict[str, Any]) -> None:
+    """Check that card, recipe and record belong to the dataset."""
+    with reading(root, RECORD_FILE):
+        succeeded = [attempt["success"] for attempt in record["attempts"]]
+        if not all(type(success) is bool for success in succeeded):
+            raise ValueError("`success` of an attempt must be true or false")
+        counts = (record["episodes"], len(record["episode_seeds"]), sum(succeeded))
+        if set(counts) != {info["total_episodes"]}:
+            raise ValueError(
+                f"it counts {counts} episodes, seeds and successes, {info['total_episodes']} exist"
+            )
+    with reading(root, _RECIPE):
+        try:
+            recipe = yaml.safe_load((root / _RECIPE).read_text())
+        except yaml.YAMLError as error:
+            raise ValueError(str(error)) from error
+        if recipe != record["recipe"]:
+            raise ValueError(f"it is another recipe than that in {RECORD_FILE}")
+    with reading(root, _CARD):
+        if not (root / _CARD).read_text().strip():
+            raise ValueError("it is empty")
 
 
-_REMEDY = "Restore it, or record it again into another --root; nothing was uploaded."
-
-
-def _indexed_files(root: Path, info: dict[str, Any]) -> Iterator[Path]:
-    """Yield the episode tables, and the data and videos that their rows name."""
-    videos = [key for key, feature in info["features"].items() if feature["dtype"] == "video"]
-    episodes = 0
-    for table in root.glob("meta/episodes/*/*.parquet"):
-        yield table.relative_to(root)
-        columns = [
-            f"{prefix}/{part}_index"
-            for prefix in ("data", *(f"videos/{key}" for key in videos))
-            for part in ("chunk", "file")
-        ]
-        for row in pq.read_table(table, columns=columns).to_pylist():
-            episodes += 1
-            yield Path(_path(info["data_path"], row, "data"))
-            for key in videos:
-                yield Path(_path(info["video_path"], row, f"videos/{key}", video_key=key))
-    if episodes != info["total_episodes"]:
-        raise ValueError(f"{episodes} episodes are indexed, meta/info.json counts {info['total_episodes']}")
-
-
-def _path(template: str, row: dict[str, int], prefix: str, **names: str) -> str:
-    indices = {f"{part}_index": row[f"{prefix}/{part}_index"] for part in ("chunk", "file")}
-    return template.format(**indices, **names)
+def _copy(root: Path, files: list[Path], folder: Path, recorded_as: str, repo_id: str) -> None:
+    for file in files:
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(root / file, folder / file)
+    name = rf"(?<![\w.-]){re.escape(recorded_as)}(?![\w.-])"
+    for file in (_CARD, _RECIPE):  # They tell the reader the dataset's name on the Hub.
+        (folder / file).write_text(re.sub(name, repo_id, (root / file).read_text()))

@@ -44,16 +44,21 @@ class ChunkExecution:
             chunk: Arm joints [rad], then what the interface executes: hand joints [rad] or commanded
                 fingertips in the palm frame [m]. Shape (batch, steps, n_arm + 16 or 12).
         """
-        self._chunk, self._step = chunk, 0
+        self._chunk, self._step = chunk.float(), 0
 
     def step(self, batch: Mapping[str, Tensor]) -> Tensor:
-        """Return the joint targets of the chunk's next step [rad]. Shape (batch, n_arm + 16).
+        """Return the joint targets of the chunk's next step [rad]. Shape (batch, n_arm + 16), float32.
 
         Args:
             batch: Observation in raw units.
         """
         assert self._chunk is not None
-        arm, hand = self._chunk[..., : self._n_arm], self._chunk[..., self._n_arm :]
+        # --policy.use_amp=true is for the networks that plan: bfloat16 resolves a joint to 0.01 rad only.
+        with torch.autocast(self._chunk.device.type, enabled=False):
+            return self._step_in_full_precision(self._chunk, batch)
+
+    def _step_in_full_precision(self, chunk: Tensor, batch: Mapping[str, Tensor]) -> Tensor:
+        arm, hand = chunk[..., : self._n_arm], chunk[..., self._n_arm :]
         if self.interface.command_space == "joint":
             draft = joint_draft(hand, self._step, DRAFT_HORIZON)
         else:
@@ -63,7 +68,7 @@ class ChunkExecution:
                 planned, self._step, DRAFT_HORIZON, command, self._planned_tips, self._command_gain
             )
             self._planned_tips = planned[:, self._step]
-        hand_targets = self.interface.step(batch, draft).to(self._chunk.dtype)
+        hand_targets = self.interface.step(batch, draft).to(chunk.dtype)
         targets = torch.cat([arm[:, self._step], hand_targets], -1)
         self._step += 1
         return targets

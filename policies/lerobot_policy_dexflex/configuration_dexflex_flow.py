@@ -8,7 +8,7 @@ from lerobot.optim import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces import INTERFACES, interface_entry
+from lerobot_dexflex.interfaces import INTERFACES, Method
 from lerobot_policy_dexflex.configuration_shared import check_interface, no_normalization
 
 ACTION_SPACES = ("joint", "draft")
@@ -27,9 +27,9 @@ class DexflexFlowConfig(PreTrainedConfig):
 
     # What is learned and how it is executed
     interface: str = "joint"
-    """How the hand is commanded: `joint`, `raw`, `filter`, `dexgen`, `dexflex` or another interface of
-    `lerobot_dexflex.interfaces`. Switchable at evaluation within the same action space: `joint` needs a
-    checkpoint of joint targets, the others one of commanded fingertips."""
+    """How the hand is commanded: `joint`, `raw`, `filter`, `dexgen`, `dexflex` or another method of
+    `lerobot_dexflex.interfaces`, such as `dexflex-notouch@0.7`. Switchable at evaluation within the same
+    action space: `joint` needs a checkpoint of joint targets, the others one of commanded fingertips."""
     controller: str = ""
     """Folder or hub id of the frozen controller of `dexgen` and `dexflex`; empty is the repository's own."""
     controller_digest: str = ""
@@ -37,6 +37,8 @@ class DexflexFlowConfig(PreTrainedConfig):
     action_space: str = ""
     """Slice of the dataset's action that is learned: `joint` (all joint targets) or `draft` (arm joints and
     commanded fingertips). Empty in a new training: the interface decides. Saved in the checkpoint."""
+    tasks: list[str] = field(default_factory=list)
+    """Instructions in the training dataset; set by the policy, which warns when it is asked for another."""
     chunk_size: int = 16
     """Control steps predicted at once."""
     n_action_steps: int = 8
@@ -86,7 +88,7 @@ class DexflexFlowConfig(PreTrainedConfig):
     # Data loading
     cache_dataset: bool = True
     """Keep the decoded dataset in memory while training in this process (`num_workers=0`); see
-    `lerobot_dexflex.training.dataset_cache`."""
+    `lerobot_policy_dexflex.dataset_cache`."""
     cache_gigabytes: float = 4.0
     """Larger datasets are left to LeRobot's own loader."""
 
@@ -137,7 +139,7 @@ class DexflexFlowConfig(PreTrainedConfig):
         Raises:
             DexFlexError: If the checkpoint learned another action space than the interface executes.
         """
-        wanted = interface_entry(self.interface).command_space
+        wanted = Method.parse(self.interface).command_space
         self.action_space = self.action_space or wanted
         if self.action_space != wanted:
             fitting = [n for n, entry in INTERFACES.items() if entry.command_space == self.action_space]
@@ -181,13 +183,24 @@ class DexflexFlowConfig(PreTrainedConfig):
         )
 
     def validate_features(self) -> None:
-        """Refuse a dataset or environment without the observations that the policy reads."""
+        """Refuse a dataset or environment without the observations that the policy reads.
+
+        Raises:
+            DexFlexError: If one is missing, or images have a size that the network cannot take.
+        """
         have = sorted(self.input_features or {})
         missing = [key for key in _INPUTS if key not in have]
         if missing or not self.image_features:
             missing += [] if self.image_features else ["observation.images.<camera>"]
             raise DexFlexError(
                 f"dexflex_flow reads {', '.join(_INPUTS)} and at least one camera. Missing: "
-                f"{', '.join(missing)}. Got: {', '.join(have)}. Record the dataset with `dexflex-record`, "
-                "or map its keys with --rename_map."
+                f"{', '.join(missing)}. Got: {', '.join(have)}. Record the dataset with `dexflex-record`."
             )
+        for key, feature in self.image_features.items():
+            channels, height, width = feature.shape
+            if channels != 3 or height % 8 or width % 8:
+                raise DexFlexError(
+                    "dexflex_flow takes images of 3 channels whose height and width are multiples of 8. "
+                    f"Got {key} of {channels} channels, {height} x {width}. "
+                    "Record the dataset again with such images."
+                )

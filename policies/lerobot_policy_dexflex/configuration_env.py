@@ -1,7 +1,10 @@
 """Configuration of `--env.type=dexflex`: the tasks of `lerobot_dexflex` for LeRobot's evaluation."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from importlib import import_module
+from inspect import signature
 from typing import Any
 
 import gymnasium
@@ -10,13 +13,13 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, Vecto
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.envs.utils import freeze_after_episode_end
-from lerobot.utils.constants import ACTION, OBS_STATE
+from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
 # Importing the registration here also registers the tasks in asynchronous workers, which import only this.
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS
 
-IMAGE_SHAPE = (96, 96, 3)
-_CAMERAS = ("front", "wrist")
+CAMERAS = ("front", "wrist")
+IMAGE_SIZE = 96
 
 
 @EnvConfig.register_subclass("dexflex")
@@ -29,12 +32,12 @@ class DexflexEnvConfig(EnvConfig):
     episode_length: int | None = None
     """Time limit in control steps; the task's own if None."""
     options: dict[str, Any] = field(default_factory=dict)
-    """Further keyword arguments of the environment, e.g. '{"render_size": 128}'."""
+    """Further keyword arguments of the environment, e.g. '{"image_size": 128, "cameras": ["front"]}'."""
     features: dict[str, PolicyFeature] = field(default_factory=dict)
     features_map: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Fill in the features of the task's robot.
+        """Fill in the features of the task's robot and of the cameras in `options`.
 
         Raises:
             ParsingError: If a setting is invalid. draccus hides the message of a ValueError, not of this.
@@ -43,18 +46,35 @@ class DexflexEnvConfig(EnvConfig):
             raise ParsingError(f"Unknown task {self.task!r}. Valid --env.task: {', '.join(TASKS)}.")
         if self.episode_length is not None and self.episode_length < 1:
             raise ParsingError(f"`episode_length` must be at least 1. Got {self.episode_length}.")
+        size, names = self._observed_images()
         joints = TASKS[self.task].joints
         vectors = {"agent_pos": joints, "tactile": 240, "fingertips": 12, "gravity": 3}
-        cameras = [f"observation.images.{camera}" for camera in _CAMERAS]
+        cameras = [f"{OBS_IMAGES}.{camera}" for camera in names]
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (joints,)),
             **{key: PolicyFeature(FeatureType.STATE, (size,)) for key, size in vectors.items()},
-            **{key: PolicyFeature(FeatureType.VISUAL, IMAGE_SHAPE) for key in cameras},
+            **{key: PolicyFeature(FeatureType.VISUAL, (size, size, 3)) for key in cameras},
         }
         self.features_map = {key: key for key in (ACTION, *cameras)} | {
             key: f"observation.{key}" for key in ("tactile", "fingertips", "gravity")
         }
         self.features_map["agent_pos"] = OBS_STATE
+
+    def _observed_images(self) -> tuple[int, list[str]]:
+        """Return size [pixel] and names of the cameras that `options` ask for."""
+        cameras, size = self.options.get("cameras", CAMERAS), self.options.get("image_size", IMAGE_SIZE)
+        if isinstance(cameras, str) or not isinstance(cameras, Sequence) or not set(cameras) <= set(CAMERAS):
+            raise ParsingError(
+                f"`cameras` in --env.options must be a list of {', '.join(CAMERAS)}. Got {cameras!r}."
+            )
+        if type(size) is not int or size < 1:
+            raise ParsingError(f"`image_size` in --env.options must be a number of pixels. Got {size!r}.")
+        valid = _option_names(TASKS[self.task or ""].entry_point) if self.options else []
+        if unknown := sorted(set(self.options) - set(valid)):
+            raise ParsingError(
+                f"--env.options: {self.task} has no {', '.join(unknown)}. Valid options: {', '.join(valid)}."
+            )
+        return size, list(cameras)
 
     @property
     def package_name(self) -> str:
@@ -82,6 +102,20 @@ class DexflexEnvConfig(EnvConfig):
         else:
             vector = SyncVectorEnv(factories, autoreset_mode=AutoresetMode.NEXT_STEP)
         return {self.type: {0: vector}}
+
+
+def _option_names(entry_point: str) -> list[str]:
+    """Return the keyword arguments of an environment, its own and those that it hands to its bases."""
+    module, name = entry_point.split(":")
+    kind = getattr(import_module(module), name)
+    inits = [signature(base.__init__) for base in kind.__mro__ if issubclass(base, gymnasium.Env)]
+    names = {
+        parameter.name
+        for init in inits
+        for parameter in init.parameters.values()
+        if parameter.default != parameter.empty
+    }
+    return sorted(names - {"render_mode"})
 
 
 def _make_env(config: DexflexEnvConfig) -> gymnasium.Env:

@@ -4,7 +4,7 @@ from draccus.utils import ParsingError
 from lerobot.configs import NormalizationMode
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces import interface_entry
+from lerobot_dexflex.interfaces import Method
 
 
 def check_interface(name: str) -> None:
@@ -14,7 +14,7 @@ def check_interface(name: str) -> None:
         ParsingError: draccus hides the message of any ValueError from a configuration, but not this one.
     """
     try:
-        interface_entry(name)
+        Method.parse(name)
     except DexFlexError as error:
         raise ParsingError(f"--policy.interface: {error}") from error
 

@@ -3,8 +3,8 @@
 import warnings
 from typing import Protocol
 
-from lerobot_dexflex.interfaces import Interface, interface_entry, make_interface
-from lerobot_dexflex.interfaces.controller_folder import controller_digest, controller_of
+from lerobot_dexflex.interfaces import Interface, Method
+from lerobot_dexflex.runs.provenance import weights_digest
 
 
 class LinkConfig(Protocol):
@@ -23,12 +23,16 @@ def link_interface(config: LinkConfig) -> Interface:
     Raises:
         DexFlexError: If the interface needs a controller and there is none.
     """
-    name = config.interface
-    if not interface_entry(name).learned:
-        return make_interface(name)
-    folder = controller_of(name, config.controller)
-    found, saved = f"{name}:{controller_digest(folder, name)}", config.controller_digest
-    if saved.startswith(f"{name}:") and saved != found:
+    method = Method.parse(config.interface)
+    if not method.learned:
+        return method.make()
+    weights = method.weights(config.controller)
+    folder, found, saved = (
+        weights[0].parent,
+        f"{method.base}:{weights_digest(weights)}",
+        config.controller_digest,
+    )
+    if saved.startswith(f"{method.base}:") and saved != found:
         warnings.warn(
             f"The controller {folder} ({found}) is not the one that this policy was saved with ({saved}): "
             "its results will differ. Name the original with --policy.controller=<folder or hub id>, or "
@@ -36,4 +40,4 @@ def link_interface(config: LinkConfig) -> Interface:
             stacklevel=2,
         )
     config.controller_digest = found
-    return make_interface(name, controller=folder)
+    return method.make(folder)

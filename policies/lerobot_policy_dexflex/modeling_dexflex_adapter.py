@@ -1,6 +1,7 @@
 """`--policy.type=dexflex_adapter`: any chunking policy of LeRobot, executed through an action interface."""
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -12,12 +13,12 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from torch import Tensor, nn
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.policy_files import check_policy_files
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
+from lerobot_policy_dexflex.compatibility import check_observation, check_offer, shapes
 from lerobot_policy_dexflex.configuration_dexflex_adapter import NOT_TRAINED, DexflexAdapterConfig
 from lerobot_policy_dexflex.controller_link import link_interface
-from lerobot_policy_dexflex.normalization import action_columns
-
-HAND_JOINTS, TIP_NUMBERS = 16, 12
+from lerobot_policy_dexflex.normalization import N_HAND_JOINTS, N_TIP_NUMBERS, action_columns
 
 
 class DexflexAdapterPolicy(PreTrainedPolicy):
@@ -39,9 +40,20 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
     def __init__(self, config: DexflexAdapterConfig, **kwargs: Any) -> None:
         del kwargs
         super().__init__(config)
-        n_joints = (config.input_features or {})[OBS_STATE].shape[0]
+        offered = shapes(config.input_features)
+        if OBS_STATE not in offered:
+            raise DexFlexError(
+                f"dexflex_adapter reads {OBS_STATE}. Got: {', '.join(sorted(offered))}. "
+                "Evaluate it with --env.type=dexflex."
+            )
+        (n_joints,) = offered[OBS_STATE]
         settings = _backbone_config(config)
         _check(settings, config, n_joints)
+        # Some policies of LeRobot declare cameras that they fill with blanks themselves.
+        self._inputs = {k: s for k, s in shapes(settings.input_features).items() if "empty_camera" not in k}
+        check_offer(self._inputs, offered)
+        if Path(config.backbone_path).is_dir():
+            check_policy_files(Path(config.backbone_path))
         backbone = get_policy_class(settings.type).from_pretrained(config.backbone_path, config=settings)
         self.backbone = backbone.eval().requires_grad_(False)
         self._before, self._after = make_pre_post_processors(
@@ -50,7 +62,7 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
             preprocessor_overrides={"device_processor": {"device": config.device}},
         )
         interface = link_interface(config)
-        n_arm = n_joints - HAND_JOINTS
+        n_arm = n_joints - N_HAND_JOINTS
         self._columns = action_columns(n_joints, interface.command_space, n_arm)
         self.execution = ChunkExecution(interface, n_arm, config.n_action_steps, config.command_gain)
 
@@ -84,7 +96,8 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
             Arm joints [rad], then hand joints [rad] or commanded fingertips [m]. Shape (batch, steps, ...).
         """
         planned = self.backbone.predict_action_chunk(self._before(dict(batch)))
-        return self._after(planned).to(batch[OBS_STATE].device)[..., self._columns]
+        # Mixed precision ends here: the pipeline brings the plan to raw units, which bfloat16 would round.
+        return self._after(planned.float()).to(batch[OBS_STATE].device)[..., self._columns]
 
     @torch.no_grad()
     def select_action(self, batch: Mapping[str, Any]) -> Tensor:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -92,8 +105,12 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
 
         Args:
             batch: Observation in raw units; the backbone sees it only when a new chunk is planned.
+
+        Raises:
+            DexFlexError: If the observation lacks an input of the backbone or has it in another shape.
         """
         if self.execution.due:
+            check_observation(self._inputs, batch)
             self.execution.begin(self.predict_action_chunk(batch))
         return self.execution.step(batch)
 
@@ -117,11 +134,11 @@ def _check(backbone: PreTrainedConfig, config: DexflexAdapterConfig, n_joints: i
             f"--policy.path={config.backbone_path} --policy.interface={config.interface}."
         )
     feature = (backbone.output_features or {}).get(ACTION)
-    wanted = (n_joints + TIP_NUMBERS,)
+    wanted = (n_joints + N_TIP_NUMBERS,)
     if feature is None or tuple(feature.shape) != wanted:
         got = None if feature is None else tuple(feature.shape)
         raise DexFlexError(
-            f"The backbone's action must have shape {wanted}: {n_joints} joint targets, then {TIP_NUMBERS} "
+            f"The backbone's action must have shape {wanted}: {n_joints} joint targets, then {N_TIP_NUMBERS} "
             f"numbers of commanded fingertips. Got {got}. "
             "Train it on a dataset that `dexflex-record` recorded for this robot."
         )

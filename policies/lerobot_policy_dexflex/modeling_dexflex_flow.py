@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -10,17 +11,24 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from torch import Tensor, nn
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.training.dataset_cache import cache_dataset
 from lerobot_policy_dexflex.augmentation import jitter, shift_images, vary_light
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
-from lerobot_policy_dexflex.compatibility import check_dataset
+from lerobot_policy_dexflex.compatibility import (
+    check_action,
+    check_dataset,
+    check_observation,
+    check_told_environment,
+    shapes,
+    warn_of_another_task,
+)
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
 from lerobot_policy_dexflex.controller_link import link_interface
+from lerobot_policy_dexflex.dataset_cache import cache_dataset
 from lerobot_policy_dexflex.encoders import Observation
 from lerobot_policy_dexflex.flow_network import LAST_TIME, FlowNetwork
-from lerobot_policy_dexflex.normalization import Normalization, compress_touch
-
-HAND_JOINTS = 16
+from lerobot_policy_dexflex.lerobot_command import renamed, resuming, worker_processes
+from lerobot_policy_dexflex.normalization import N_HAND_JOINTS, N_TIP_NUMBERS, Normalization, compress_touch
+from lerobot_policy_dexflex.weights import load_weights
 
 
 class DexflexFlowPolicy(PreTrainedPolicy):
@@ -36,7 +44,8 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         dataset_meta: Metadata of the training dataset; None outside of training.
 
     Raises:
-        DexFlexError: If the dataset is of another robot or the checkpoint of another action space.
+        DexFlexError: If the dataset is of another robot, the checkpoint of another action space, or dataset,
+            checkpoint and the environment of the running command do not fit each other.
     """
 
     config_class = DexflexFlowConfig  # pyright: ignore[reportAssignmentType]
@@ -55,16 +64,14 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         super().__init__(config)
         config.validate_features()
         action_space = config.settle_action_space()
+        self._inputs = shapes(config.input_features)
+        (n_joints,) = self._inputs[OBS_STATE]
         if dataset_meta is not None:
-            check_dataset(dataset_meta)
-            if config.cache_dataset:
-                cache_dataset(dataset_meta, config.cache_gigabytes)
-        features = config.input_features or {}
-        n_joints = features[OBS_STATE].shape[0]
-        self._n_arm = n_joints - HAND_JOINTS
+            self._use_dataset(dataset_meta)
+        check_told_environment(self._inputs)
+        check_action(n_joints, N_TIP_NUMBERS, config.output_features)
+        self._n_arm = n_joints - N_HAND_JOINTS
         self.normalization = Normalization(n_joints, action_space, self._n_arm)
-        if dataset_stats is not None:
-            self.normalization.fit(dataset_stats)
         self.network = FlowNetwork(
             {key: tuple(feature.shape) for key, feature in config.image_features.items()},
             n_joints,
@@ -80,6 +87,46 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         self.register_buffer("updates", torch.zeros((), dtype=torch.int64))
         interface = link_interface(config)
         self.execution = ChunkExecution(interface, self._n_arm, config.n_action_steps, config.command_gain)
+        if dataset_stats is not None:
+            self.begin_training(dataset_stats)
+
+    def _use_dataset(self, meta: Any) -> None:
+        check_dataset(meta, self._inputs)
+        self.config.tasks = [str(task) for task in meta.tasks.index]
+        if self.config.cache_dataset:
+            cache_dataset(meta, self.config.cache_gigabytes, worker_processes())
+
+    @classmethod
+    def from_pretrained(  # pyright: ignore[reportIncompatibleMethodOverride]
+        cls,
+        pretrained_name_or_path: str | Path,
+        *,
+        dataset_stats: Mapping[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> "DexflexFlowPolicy":
+        """Load a checkpoint; see `PreTrainedPolicy.from_pretrained`.
+
+        With a dataset's statistics a training begins, with weights of the checkpoint and all else fresh,
+        unless `lerobot-train --resume=true` goes on with it.
+        """
+        policy = super().from_pretrained(pretrained_name_or_path, **kwargs)
+        if dataset_stats is not None and not resuming():
+            policy.begin_training(dataset_stats)
+        return policy
+
+    def begin_training(self, dataset_stats: Mapping[str, Any]) -> None:
+        """Take over a dataset's statistics and let the running average forget what came before."""
+        self.normalization.fit(renamed(dataset_stats))
+        self.updates.zero_()
+
+    @classmethod
+    def _load_as_safetensor(  # pyright: ignore[reportIncompatibleMethodOverride]
+        cls, model: "DexflexFlowPolicy", model_file: str, map_location: str, strict: bool
+    ) -> "DexflexFlowPolicy":
+        """Load all weights: LeRobot would leave those at random that a file lacks, with a warning."""
+        del map_location, strict
+        load_weights(model, Path(model_file))
+        return model
 
     def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the trained weights; the running average is none of them."""
@@ -182,7 +229,12 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         Args:
             batch: Observation in raw units; images are read only when a new chunk is planned.
             noise: Start of the flow if this step plans a chunk; see `predict_action_chunk`.
+
+        Raises:
+            DexFlexError: If the observation lacks an input or has it in another shape.
         """
         if self.execution.due:
+            check_observation(self._inputs, batch)
+            warn_of_another_task(self.config.tasks, batch.get("task"))
             self.execution.begin(self.predict_action_chunk(batch, noise))
         return self.execution.step(batch)

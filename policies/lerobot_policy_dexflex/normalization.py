@@ -6,11 +6,15 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from lerobot_dexflex.hand.model import HAND_JOINTS
+
 MIN_ANGLE_STD = 0.01
 """A joint that hardly moves in the data is not blown up to unit scale [rad]."""
 MIN_LENGTH_STD = 0.002
 """The same for fingertips [m]."""
-_TIP_NUMBERS = 12
+N_HAND_JOINTS = len(HAND_JOINTS)
+N_TIP_NUMBERS = 12
+"""Coordinates of the commanded fingertips, which follow the joint targets in a dataset's action."""
 
 
 class Normalizer(nn.Module):
@@ -83,7 +87,7 @@ def action_columns(n_joints: int, action_space: str, n_arm: int) -> list[int]:
     """Return the learned columns of the dataset's action: all joints, or arm joints and fingertips."""
     if action_space == "joint":
         return list(range(n_joints))
-    return [*range(n_arm), *range(n_joints, n_joints + _TIP_NUMBERS)]
+    return [*range(n_arm), *range(n_joints, n_joints + N_TIP_NUMBERS)]
 
 
 def compress_touch(taxels: Tensor, full_scale: float) -> Tensor:

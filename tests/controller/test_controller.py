@@ -51,13 +51,17 @@ def test_shapes_of_every_part(controller, history, draft):
     ids=str,
 )
 def test_batched_decisions_equal_single_ones(controller, history, draft, changes):
+    """Up to rounding: networks add up in another order in another batch."""
     settings = dataclasses.replace(FEW, **changes)
     together = controller.select(controller.encode(history), *draft, settings)
     assert together.chunk.shape == (3, 8, 4, 3)
+    if together.score.shape[1] > 1:  # Scores differ by 1e-6 at most; no choice hangs on that.
+        assert torch.diff(together.score.sort(1).values)[:, -1].min() > 1e-3
     for k in range(3):
         state = controller.encode(row(history, k))
         only = slice(k, k + 1)
         alone = controller.select(state, draft[0][only], draft[1][only], settings)
+        assert torch.allclose(alone.score[0], together.score[k], atol=1e-4)
         assert torch.allclose(alone.chunk[0], together.chunk[k], atol=1e-7)
         assert torch.allclose(alone.residual[0], together.residual[k], atol=1e-6)
 

@@ -96,6 +96,7 @@ def test_it_learns_chunks_that_depend_on_the_state():
 def test_weights_are_saved_into_the_folder_and_found_again(prior, tmp_path):
     with pytest.raises(DexFlexError, match="train the stage 'dexgen'"):
         DiffusionPrior.load(tmp_path, CONFIG)
+    CONFIG.save(tmp_path / "config.json")
     prior.save(tmp_path)
     again = DiffusionPrior.load(tmp_path, CONFIG)
     assert all(torch.equal(a, b) for a, b in zip(again.parameters(), prior.parameters(), strict=True))

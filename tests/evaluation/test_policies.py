@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.policies import LeRobotPolicies
+from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces.method import make_interface
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
 from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig
@@ -27,6 +29,14 @@ def policies(tmp_path_factory):
     statistics = {"mean": 0.0, "std": 0.3, "min": -0.5, "max": 0.5}
     sizes = {"action": 35, "observation.state": 23, "observation.fingertips": 12}
     stats = {key: {s: torch.full((n,), v) for s, v in statistics.items()} for key, n in sizes.items()}
+    # Plans that a hand can follow: interfaces keep commands near to what it can reach.
+    tips = fingertips(torch.full((1, 16), 0.3)).flatten()
+    stats["action"] = {
+        "mean": torch.cat([torch.full((23,), 0.3), tips]),
+        "std": torch.cat([torch.full((23,), 0.03), torch.full((12,), 0.002)]),
+        "min": torch.cat([torch.full((23,), 0.2), tips - 0.005]),
+        "max": torch.cat([torch.full((23,), 0.4), tips + 0.005]),
+    }
     for space, interface in (("joint", "joint"), ("draft", "raw")):
         config = DexflexFlowConfig(interface=interface, device="cpu", dim=32, n_layers=1)
         config.input_features = {k: f for k, f in features.items() if f.type is not FeatureType.ACTION}
@@ -162,7 +172,7 @@ def test_a_comparison_without_its_controller_is_refused(policies, tmp_path):
 
 
 def test_the_card_of_a_checkpoint_is_not_its_version_but_its_configuration_is(policies, tmp_path):
-    (tmp_path / "model.safetensors").write_bytes((policies.draft / "model.safetensors").read_bytes())
+    shutil.copytree(policies.draft, tmp_path, dirs_exist_ok=True)
     config = json.loads((policies.draft / "config.json").read_text())
     copied = LeRobotPolicies(tmp_path, tmp_path)
     (tmp_path / "config.json").write_text(json.dumps(config))
@@ -197,19 +207,20 @@ def test_a_damaged_configuration_is_refused_by_its_name(policies, tmp_path, text
         LeRobotPolicies(policies.joint, tmp_path).check(["raw"])
 
 
-def commands(controller, steps=10):
-    """Return the commanded fingertips of an episode past a second planning, (steps, 4, 3)."""
+def targets(controller, steps=10):
+    """Return where the drafts of an episode past a second planning lead in one step, (steps, 4, 3)."""
     controller.reset([5])
     found = []
     for _ in range(steps):
         controller.act(observation(1), "task")
-        found.append(controller.motion.command[0])
+        motion = controller.motion.row(0)
+        found.append(motion.command - motion.executed + motion.draft)
     return np.stack(found)
 
 
 def test_jitter_on_plans_is_new_in_every_step_and_does_not_add_up(policies):
     errors = CommandErrors.of(jitter=0.004)
-    clean, shaken = commands(policies("raw")), commands(policies("raw", errors))
+    clean, shaken = targets(policies("raw")), targets(policies("raw", errors))
     rng = np.random.default_rng(5)
     expected = np.stack([rng.uniform(-0.004, 0.004, (4, 3)) for _ in range(10)])
     np.testing.assert_allclose(shaken - clean, expected, atol=1e-6)

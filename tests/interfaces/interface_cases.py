@@ -4,9 +4,13 @@ import torch
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.interfaces import INTERFACES
+from lerobot_dexflex.interfaces import Method
 
 STATE, TACTILE = "observation.state", "observation.tactile"
+BASELINES = ("joint", "raw", "filter", "hold", "shrink", "clip", "reflex")
+LEARNED = ("dexgen", "dexflex", "dexflex-notouch")
+METHODS = (*BASELINES, *LEARNED)
+"""What every user may choose; evaluations register upper bounds beside them."""
 
 
 def hand_poses(rows, seed=0):
@@ -30,7 +34,7 @@ def observation(rows, seed=0, arm=7):
 
 def drafts(name, rows, seed=1, size=0.002):
     """Random drafts of the command space of an interface."""
-    if INTERFACES[name].command_space == "joint":
+    if Method.parse(name).command_space == "joint":
         return hand_poses(rows * DRAFT_HORIZON, seed).view(rows, DRAFT_HORIZON, 16)
     generator = torch.Generator().manual_seed(seed)
     return size * torch.randn(rows, DRAFT_HORIZON, 4, 3, generator=generator, dtype=torch.float64)

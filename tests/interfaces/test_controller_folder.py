@@ -1,7 +1,10 @@
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces.controller_folder import DEXGEN_FILES, controller_digest, find_controller
+from lerobot_dexflex.interfaces.controller_folder import find_controller
+from lerobot_dexflex.interfaces.registry import INTERFACES
+
+DEXGEN_FILES = INTERFACES["dexgen"].files
 
 
 @pytest.fixture
@@ -37,14 +40,3 @@ def test_a_hub_id_that_cannot_be_had_ends_in_one_message(monkeypatch):
     monkeypatch.setattr("huggingface_hub.snapshot_download", refuse)
     with pytest.raises(DexFlexError, match=r"No controller at 'nobody/nothing': it is neither a folder here"):
         find_controller("nobody/nothing")
-
-
-def test_the_digest_follows_the_files_that_decide_and_no_others(folder):
-    before = {name: controller_digest(folder, name) for name in ("dexflex", "dexgen")}
-    (folder / "README.md").write_text("card")
-    assert controller_digest(folder, "dexflex") == before["dexflex"]
-    (folder / "dexgen.safetensors").write_text("other")
-    assert controller_digest(folder, "dexflex") == before["dexflex"]
-    assert controller_digest(folder, "dexgen") != before["dexgen"]
-    (folder / "model.safetensors").write_text("other")
-    assert controller_digest(folder, "dexflex") != before["dexflex"]

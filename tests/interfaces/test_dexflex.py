@@ -9,9 +9,9 @@ from lerobot_dexflex.controller import DexFlexController, HistoryBuffer, Selecti
 from lerobot_dexflex.controller.projection import project_draft
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
-from lerobot_dexflex.interfaces import RawInterface
 from lerobot_dexflex.interfaces.dexflex import SLOW_PERIOD, DexFlexInterface
 from lerobot_dexflex.interfaces.explanation import BRANCHES
+from lerobot_dexflex.interfaces.raw import RawInterface
 
 FEW = {"n_pure": 4, "n_seeded": 4, "nfe": 2, "project": False}
 

@@ -4,15 +4,12 @@ import pytest
 import torch
 from interface_cases import STATE, TACTILE, drafts, observation
 
-from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER
-from lerobot_dexflex.interfaces import INTERFACES
 
-LEARNED = [name for name, entry in INTERFACES.items() if entry.learned]
-_FEW = {"settings": SelectionSettings(n_pure=4, n_seeded=4, nfe=2)}
-FEW = {"dexflex": _FEW, "dexflex-notouch": _FEW, "dexgen": {"steps": 2}}
+_FEW = "n_pure=4+n_seeded=4+nfe=2"
+LEARNED = [f"dexflex:{_FEW}", f"dexflex-notouch:{_FEW}", "dexgen:steps=2"]
 STEPS = 10
 
 
@@ -51,7 +48,7 @@ def vary(seen, k):
 @pytest.mark.parametrize("name", LEARNED)
 def test_a_failing_finger_is_named_and_the_hand_goes_on(make, name, fault):
     break_touch, health, fingers = TOUCH_FAULTS[fault]
-    interface = make(name, **FEW[name])
+    interface = make(name)
     for k in range(STEPS):
         seen = vary(observation(2, k), k)
         assert_executable(interface.step(break_touch(seen) if k > 2 else seen, drafts(name, 2, k)))
@@ -66,14 +63,14 @@ def test_a_failing_finger_is_named_and_the_hand_goes_on(make, name, fault):
 def test_what_a_failing_finger_reports_has_no_influence(make, name):
     targets = []
     for junk in (torch.linspace(0.9, 1.5, 60), torch.linspace(1.0, 7.0, 60)):
-        interface = make(name, **FEW[name])
+        interface = make(name)
         targets.append(interface.step(with_finger(observation(2), 3, junk), drafts(name, 2)))
     assert torch.equal(*targets)
 
 
 @pytest.mark.parametrize("name", LEARNED)
 def test_late_drafts_are_bridged_reported_and_end_in_rest(make, name):
-    interface = make(name, **FEW[name])
+    interface = make(name)
     interface.step(observation(2), drafts(name, 2))
     for k in range(STEPS):
         targets = interface.step(observation(2, k), None)
@@ -87,7 +84,7 @@ def test_late_drafts_are_bridged_reported_and_end_in_rest(make, name):
 @pytest.mark.parametrize("size", [0.05, 1.0, 1e6])
 @pytest.mark.parametrize("name", LEARNED)
 def test_drafts_far_outside_of_the_workspace_are_clipped_and_reported(make, name, size):
-    interface = make(name, **FEW[name])
+    interface = make(name)
     for k in range(STEPS):
         assert_executable(interface.step(observation(2, k), drafts(name, 2, k, size=size)))
         assert interface.explanation.row(1)["draft_health"] == "clipped"
@@ -96,7 +93,7 @@ def test_drafts_far_outside_of_the_workspace_are_clipped_and_reported(make, name
 
 @pytest.mark.parametrize("name", LEARNED)
 def test_everything_failing_at_once_is_survived(make, name):
-    interface = make(name, **FEW[name])
+    interface = make(name)
     generator = torch.Generator().manual_seed(0)
     for k in range(3 * STEPS):
         break_touch = list(TOUCH_FAULTS.values())[k % len(TOUCH_FAULTS)][0]
@@ -117,7 +114,7 @@ def test_everything_failing_at_once_is_survived(make, name):
 )
 @pytest.mark.parametrize("name", LEARNED)
 def test_wrong_shapes_and_broken_proprioception_stay_errors(make, name, change, message):
-    interface = make(name, **FEW[name])
+    interface = make(name)
     interface.step(observation(2), drafts(name, 2))
     before = interface.command
     with pytest.raises(DexFlexError, match=message):
@@ -130,4 +127,4 @@ def test_gravity_or_fingertips_may_not_be_left_out(make, name):
     for key in ("observation.gravity", "observation.fingertips"):
         seen = {k: v for k, v in observation(1).items() if k != key}
         with pytest.raises(DexFlexError, match=f"lacks '{key}'"):
-            make(name, **FEW[name]).step(seen, drafts(name, 1))
+            make(name).step(seen, drafts(name, 1))

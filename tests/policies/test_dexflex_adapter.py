@@ -1,10 +1,12 @@
 """Any chunking policy of LeRobot below any interface."""
 
+import shutil
 from typing import Any, cast
 
 import numpy as np
 import pytest
 import torch
+from lerobot.configs import FeatureType, PolicyFeature
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.policies import AdaptedPolicies
@@ -116,7 +118,7 @@ def test_comparisons_load_it_by_its_backbone_alone(backbone):
     raw, ours = (policies.version(name, "PourCup-v0") for name in ("raw", "dexflex"))
     assert raw.weights != ours.weights
     assert raw.code != ours.code
-    controller = policies("shrink")
+    controller = policies("hold")
     images = np.random.default_rng(0).integers(0, 255, (2, 1, 96, 96, 3), np.uint8)
     seen = {
         "pixels": {"front": images[0], "wrist": images[1]},
@@ -129,11 +131,50 @@ def test_comparisons_load_it_by_its_backbone_alone(backbone):
     first = controller.act(seen, "task")
     assert first.shape == (1, 23)
     assert controller.motion is not None
-    assert controller.motion.row(0).magnitude() == pytest.approx(0.5, abs=1e-3)
+    assert controller.motion.row(0).magnitude() == pytest.approx(1, abs=1e-3)
     controller.reset([5])
     np.testing.assert_array_equal(controller.act(seen, "task"), first)
 
 
 def test_a_comparison_without_the_backbones_checkpoint_is_refused(tmp_path):
-    with pytest.raises(DexFlexError, match=r"config\.json, model\.safetensors not found.*--backbone="):
+    with pytest.raises(DexFlexError, match=r"config\.json, model\.safetensors.* not found.*--backbone="):
         AdaptedPolicies(tmp_path).check(["raw"])
+
+
+@pytest.mark.parametrize("interface", ["joint", "raw", "dexflex"])
+def test_mixed_precision_is_for_the_backbone_alone(adapter, observation, interface):
+    policy = adapter(interface=interface)
+    with torch.autocast("cpu"):
+        chunk = policy.predict_action_chunk(observation)
+        targets = torch.stack([policy.select_action(observation) for _ in range(8)])
+    assert targets.dtype == torch.float32
+    targets.numpy()
+    policy.reset()
+    policy.execution.begin(chunk)
+    for target in targets:
+        assert torch.equal(policy.execution.step(observation), target)
+
+
+def test_an_environment_that_does_not_fit_the_backbone_is_refused(adapter, observation):
+    def features(**changes):
+        kept = adapter().config.input_features | changes
+        return {key: feature for key, feature in kept.items() if feature is not None}
+
+    wrist = "observation.images.wrist"
+    large = PolicyFeature(FeatureType.VISUAL, (3, 128, 128))
+    with pytest.raises(DexFlexError, match=f"reads {wrist}, which the environment does not offer"):
+        adapter(input_features=features(**{wrist: None}))
+    with pytest.raises(DexFlexError, match=rf"{wrist} of shape \(3, 96, 96\), but .* shape \(3, 128, 128\)"):
+        adapter(input_features=features(**{wrist: large}))
+    with pytest.raises(DexFlexError, match=r"reads observation.state. Got: observation.*--env.type=dexflex"):
+        adapter(input_features=features(**{"observation.state": None}))
+    with pytest.raises(DexFlexError, match=f"reads {wrist}, which the environment does not offer"):
+        adapter().select_action({key: value for key, value in observation.items() if key != wrist})
+
+
+def test_a_backbone_with_half_a_file_is_refused_by_name(backbone, adapter, tmp_path):
+    folder = shutil.copytree(backbone, tmp_path / "act")
+    file = folder / "policy_preprocessor.json"
+    file.write_text(file.read_text()[:40])
+    with pytest.raises(DexFlexError, match=r"policy_preprocessor.json is damaged"):
+        adapter(backbone_path=str(folder))

@@ -1,6 +1,9 @@
+import re
+
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips
@@ -134,8 +137,12 @@ def test_the_interface_is_switched_at_evaluation_within_its_action_space(trained
     switched = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=filter"])
     assert type(policy).from_pretrained(tmp_path, config=switched).execution.interface.name == "filter"
     refused = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=joint"])
-    with pytest.raises(DexFlexError, match=r"learned 'draft'.*--policy.interface=raw|filter"):
+    with pytest.raises(DexFlexError) as error:
         type(policy).from_pretrained(tmp_path, config=refused)
+    choices = re.search(r"learned 'draft'\. Choose --policy\.interface=(\S+), or load", str(error.value))
+    assert choices is not None
+    assert {"raw", "filter", "dexflex"} <= set(choices[1].split("|"))
+    assert "joint" not in choices[1].split("|")
 
 
 def test_evaluation_uses_the_running_average_and_training_the_weights(build, samples, observation):
@@ -209,3 +216,54 @@ def test_noise_of_another_shape_is_refused(build, observation):
     policy = build().eval()
     with pytest.raises(DexFlexError, match=r"`noise` must have shape \(4, 16, 23\). Got \(4, 23\)"):
         policy.predict_action_chunk(observation, torch.zeros(4, 23))
+
+
+@pytest.mark.parametrize("interface", ["joint", "raw", "filter", "dexflex"])
+def test_mixed_precision_is_for_the_plan_alone(build, controller_folder, observation, interface):
+    policy = build(interface=interface, controller=str(controller_folder)).eval()
+    with torch.autocast("cpu"):
+        targets = torch.stack([policy.select_action(observation, noise(policy)) for _ in range(9)])
+    assert targets.dtype == torch.float32
+    targets.numpy()
+    # The same plan, executed without mixed precision, moves the joints to the same place.
+    with torch.autocast("cpu"):
+        chunk = policy.predict_action_chunk(observation, noise(policy))
+    policy.reset()
+    policy.execution.begin(chunk.float())
+    for k in range(8):
+        assert torch.equal(policy.execution.step(observation), targets[k])
+
+
+def test_training_under_mixed_precision_gives_a_finite_loss(build, samples):
+    policy = build(interface="raw").train()
+    with torch.autocast("cpu"):
+        loss, _ = policy.forward(samples)
+    loss.backward()
+    assert torch.isfinite(loss)
+    assert all(
+        torch.isfinite(value.grad).all() for value in policy.network.parameters() if value.grad is not None
+    )
+
+
+@pytest.mark.parametrize("damage", ["half", "empty", "missing", "other network", "a layer less", "nan"])
+def test_weights_that_are_not_whole_are_refused(build, tmp_path, damage):
+    policy = build()
+    policy.save_pretrained(tmp_path)
+    file = tmp_path / "model.safetensors"
+    whole, weights = file.read_bytes(), load_file(file)
+    first = "network.action_out.weight"
+    if damage == "half":
+        file.write_bytes(whole[: len(whole) // 2])
+    elif damage == "empty":
+        file.write_bytes(b"")
+    elif damage == "missing":
+        file.unlink()
+    elif damage == "other network":
+        save_file(weights | {first: weights[first][:, :-1].contiguous()}, file)
+    elif damage == "a layer less":
+        save_file({key: value for key, value in weights.items() if key != first}, file)
+    else:
+        save_file(weights | {first: weights[first] * float("nan")}, file)
+    message = "not finite, in network.action_out.weight" if damage == "nan" else "cannot be loaded"
+    with pytest.raises(DexFlexError, match=rf"model.safetensors .*{message}"):
+        type(policy).from_pretrained(tmp_path)

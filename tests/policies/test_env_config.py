@@ -24,6 +24,56 @@ def test_features_are_named_as_in_the_dataset(task, joints):
     }
 
 
+@pytest.mark.parametrize(
+    ("options", "images"),
+    [
+        ({"cameras": ["wrist"]}, {"wrist": 96}),
+        ({"image_size": 128}, {"front": 128, "wrist": 128}),
+        ({"image_size": 64, "cameras": ["front"]}, {"front": 64}),
+        ({"cameras": []}, {}),
+    ],
+)
+def test_features_are_what_the_environment_offers_under_its_options(options, images):
+    config = DexflexEnvConfig(options=options)
+    features = env_to_policy_features(config)
+    seen = {key: ft.shape for key, ft in features.items() if key.startswith("observation.images.")}
+    assert seen == {f"observation.images.{name}": (3, size, size) for name, size in images.items()}
+    vector = config.create_envs(1)["dexflex"][0]
+    offered = vector.single_observation_space
+    assert isinstance(offered, gymnasium.spaces.Dict)
+    pixels = offered.spaces.get("pixels", gymnasium.spaces.Dict())
+    assert isinstance(pixels, gymnasium.spaces.Dict)
+    assert {name: space.shape for name, space in pixels.items()} == {
+        name: (size, size, 3) for name, size in images.items()
+    }
+    vector.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cameras": ["top"]}, r"`cameras` .* must be a list of front, wrist. Got \['top'\]"),
+        ({"cameras": "front"}, r"must be a list of front, wrist. Got 'front'"),
+        ({"cameras": 3}, r"must be a list of front, wrist. Got 3"),
+        ({"image_size": "96"}, r"`image_size` .* must be a number of pixels. Got '96'"),
+        ({"image_size": 0}, r"must be a number of pixels. Got 0"),
+        (
+            {"camera": ["front"]},
+            r"PlaceHammer-v0 has no camera. Valid options: cameras, disturbance, image_size",
+        ),
+    ],
+)
+def test_options_that_no_environment_has_are_refused(options, message):
+    with pytest.raises(ParsingError, match=message):
+        DexflexEnvConfig(options=options)
+
+
+def test_options_of_one_task_are_valid_for_it_alone():
+    assert DexflexEnvConfig(task="Reach-v0", options={"goals": 2}).gym_kwargs["goals"] == 2
+    with pytest.raises(ParsingError, match="PourCup-v0 has no goals"):
+        DexflexEnvConfig(task="PourCup-v0", options={"goals": 2})
+
+
 def test_an_unknown_task_is_refused_with_the_valid_ones():
     with pytest.raises(ParsingError, match=rf"'PlaceHamer-v0'.*--env.task: {', '.join(TASKS)}"):
         DexflexEnvConfig(task="PlaceHamer-v0")

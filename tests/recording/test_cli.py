@@ -37,9 +37,38 @@ def test_bad_input_gets_one_clear_error_and_writes_nothing(argument, message, tm
 
 
 def test_an_unknown_flag_is_refused(capsys):
-    with pytest.raises(SystemExit):
-        main(["--episode=3"])
+    assert main(["--episode=3"]) == 1
     assert "--episode=3" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "recipe",
+    [
+        "",
+        "episodes",
+        "[1, 2]",
+        "task: [PlaceHammer-v0",
+        "task: {a: 1}",
+        "episodes: ten",
+        "episodes: 2.5",
+        "seed: []",
+        "glove_noise: .nan",
+        "glove_noise: much",
+        "push: perhaps",
+        "video: 5",
+        "video: {crf: low}",
+        "unknown: 1",
+        "root: /",
+    ],
+)
+def test_a_recipe_with_wrong_values_gets_one_clear_error(recipe, tmp_path, capsys):
+    file = tmp_path / "recipe.yaml"
+    file.write_text(recipe)
+    status = main([f"--config_path={file}", "--task=Reach-v0", "--repo_id=a/b"])
+    assert status == 1
+    error = capsys.readouterr().err
+    assert "rror: " in error
+    assert [path.name for path in tmp_path.iterdir()] == ["recipe.yaml"]
 
 
 def test_flags_override_the_recipe_file(tmp_path, counting_task):

@@ -107,7 +107,7 @@ def test_what_the_network_refuses_is_one_error_with_the_remedy(recorded, hub, fa
 
 def test_a_name_that_the_hub_forbids_is_one_error(recorded, monkeypatch):
     monkeypatch.setattr(push_module, "get_token", lambda: "hf_token")
-    with pytest.raises(DexFlexError, match="Choose another --repo_id"):
+    with pytest.raises(DexFlexError, match="allows no dataset 'my org/count'"):
         push(recorded, "my org/count")
 
 

@@ -10,10 +10,10 @@ from lerobot_dexflex.commands.loop import Episode, Privileged, Slot, run_chains
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.evaluation.conditions import Condition
 from lerobot_dexflex.evaluation.observed import ObservedInterface
-from lerobot_dexflex.evaluation.reach.methods import Method
 from lerobot_dexflex.evaluation.report.film import Film, side_by_side
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.interfaces.method import Method
 
 
 class Ending(NamedTuple):

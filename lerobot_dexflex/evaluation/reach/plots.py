@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.families import REMOVAL_STEPS
 from lerobot_dexflex.commands.loop import Episode
-from lerobot_dexflex.evaluation.reach.methods import CLEAN, Method
+from lerobot_dexflex.evaluation.reach.bounds import CLEAN
 from lerobot_dexflex.evaluation.reach.metrics import EVENT_BIN, EVENT_LAGS, relative_error
 from lerobot_dexflex.evaluation.reach.summary import FAMILIES, Summary
 from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_figure, new_panels, png
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.statistics import Mean
 
 BARS = {"duration": "duration", "progress": "task progress", "intent": "intent error"}

@@ -12,10 +12,11 @@ from lerobot_dexflex.envs.disturbance import DISTURBANCES
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.conditions import Condition
+from lerobot_dexflex.evaluation.reach.bounds import ORACLE
 from lerobot_dexflex.evaluation.reach.chain_book import TEST_SEED, TUNING_SEED, ChainBook
 from lerobot_dexflex.evaluation.reach.episodes import COLUMNS, chain_digest, run_episodes
-from lerobot_dexflex.evaluation.reach.methods import ORACLE, Method
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.interfaces.method import Method, require_drafts
 from lerobot_dexflex.interfaces.protocol import Interface
 from lerobot_dexflex.runs.jobs import Job, run_missing, wanted
 from lerobot_dexflex.runs.lock import locked
@@ -64,7 +65,7 @@ class Benchmark:
             if not values or len(set(values)) < len(values):
                 raise DexFlexError(f"`{name}` must be one or more different names. Got {', '.join(values)}.")
         for name in self.methods:
-            _check_spelling(name, Method.parse(name).name)
+            _check_spelling(name, require_drafts(name).name)
         for name in self.conditions:
             _check_condition(name)
 

@@ -18,15 +18,17 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.loop import run_chains
-from lerobot_dexflex.controller import DexFlexController, SelectionSettings
+from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.controller.settings import ProjectionSettings
 from lerobot_dexflex.corpus.distortion import sample_errors
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
 from lerobot_dexflex.experts.reach.chains import Chain
-from lerobot_dexflex.interfaces.controller_folder import DEXFLEX_FILES, find_controller
+from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
+from lerobot_dexflex.interfaces.learned import shared_controller
+from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.jobs import Job, run_missing
 from lerobot_dexflex.runs.provenance import method_version
 from lerobot_dexflex.runs.table import Row
@@ -103,7 +105,7 @@ class Search:
         only = SelectionSettings(
             n_pure=0, n_seeded=0, include_draft=False, projection=trial.settings, use_residual=False
         )
-        interface = DexFlexInterface(_controller(self.controller), only)
+        interface = DexFlexInterface(shared_controller(find_controller(self.controller)), only)
         chosen = [chains[seed] for seed in trial.seeds]
         episodes = run_chains(chosen, trial.errors, interface, seed=number, batch=BATCH)
         settings = asdict(trial.settings)
@@ -144,10 +146,9 @@ def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -
     Raises:
         DexFlexError: If there is no controller, or another process works in a folder.
     """
-    folder = find_controller(search.controller, DEXFLEX_FILES)
     version = method_version(
         (__name__, DexFlexInterface.__module__, TASKS[TASK].module),
-        [folder / name for name in DEXFLEX_FILES],
+        Method.parse("dexflex").weights(search.controller),
         batch=BATCH,
         n_chains=search.n_chains,
     )
@@ -205,8 +206,3 @@ def _unit(rows: pd.DataFrame) -> NDArray[np.float64]:
 def _chains(search: Search) -> dict[int, Chain]:
     """Return the chains by their seeds, in order."""
     return {chain.seed: chain for chain in search.book.load(search.n_chains)}
-
-
-@functools.cache
-def _controller(where: str) -> DexFlexController:
-    return DexFlexController.from_pretrained(find_controller(where))

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import pandas as pd
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.reach.methods import CLEAN, ORACLE, Method
+from lerobot_dexflex.evaluation.reach.bounds import CLEAN, ORACLE
 from lerobot_dexflex.evaluation.reach.metrics import Metrics
+from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.statistics import Mean, holm, mean_interval, rank_test
 
 FAMILIES = "families"

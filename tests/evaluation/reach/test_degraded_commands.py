@@ -3,7 +3,7 @@ import pytest
 
 from lerobot_dexflex.evaluation.conditions import Condition
 from lerobot_dexflex.evaluation.latency import CANDIDATES, EVALUATIONS
-from lerobot_dexflex.evaluation.reach.methods import ABLATIONS, Method
+from lerobot_dexflex.interfaces import INTERFACES, Method
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,8 @@ def test_default_names_are_methods_and_conditions(script):
         Method.parse(name)
     for name in (*script.CONDITIONS.split(","), *script.DEMO_CONDITIONS.split(",")):
         assert Condition.parse(name).name == name
-    assert tuple(name.split("-")[1] for name in script.ABLATION_METHODS) == ABLATIONS
+    ablations = tuple(INTERFACES["dexflex"].ablations)
+    assert tuple(name.split("-")[1] for name in script.ABLATION_METHODS) == ablations
 
 
 def test_progress_of_the_grid_is_found_by_candidates_and_evaluations(script, load_script, tmp_path):

@@ -11,7 +11,8 @@ from lerobot_dexflex.evaluation.reach.episodes import (
     run_episodes,
 )
 from lerobot_dexflex.experts.reach.chains import build_chain
-from lerobot_dexflex.interfaces import RawInterface, explanation
+from lerobot_dexflex.interfaces import explanation
+from lerobot_dexflex.interfaces.raw import RawInterface
 
 
 def test_a_row_has_every_column_and_what_was_measured():

@@ -5,8 +5,9 @@ import torch
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.dataset_reader import DatasetReader
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.transforms import ImageTransforms, ImageTransformsConfig
 
-from lerobot_dexflex.training import dataset_cache
+from lerobot_policy_dexflex import dataset_cache
 
 WINDOW = {"action": [k / 20 for k in range(16)]}
 HISTORY = WINDOW | {"observation.images.front": [-0.05, 0.0], "observation.state": [-0.1, 0.0]}
@@ -54,6 +55,33 @@ def test_every_cached_item_equals_lerobots(synthetic_dataset, settings):
     for row, expected in enumerate(theirs):
         assert_equal_items(dataset[row], expected)
     assert isinstance(dataset_cache._caches[dataset.reader], dataset_cache.DatasetCache)
+
+
+def test_random_image_transforms_are_drawn_for_every_item_as_lerobot_does(synthetic_dataset):
+    transforms = ImageTransforms(ImageTransformsConfig(enable=True))
+    dataset = load(synthetic_dataset, delta_timestamps=WINDOW, return_uint8=True, image_transforms=transforms)
+
+    def draw(row, seed=0):
+        torch.manual_seed(seed)
+        return item(dataset, row)
+
+    theirs = [draw(row) for row in range(len(dataset))]
+    dataset_cache.cache_dataset(dataset.meta, 1.0)
+    for row, expected in enumerate(theirs):
+        assert_equal_items(draw(row), expected)
+    assert isinstance(dataset_cache._caches[dataset.reader], dataset_cache.DatasetCache)
+    front = "observation.images.front"
+    assert not torch.equal(draw(3)[front], draw(3, seed=1)[front])
+
+
+def test_worker_processes_leave_a_dataset_to_lerobot_with_a_warning(synthetic_dataset, caplog):
+    dataset = load(synthetic_dataset)
+    with caplog.at_level(logging.WARNING):
+        dataset_cache.cache_dataset(dataset.meta, 1.0, workers=4)
+    assert "not cached: 4 worker processes load it. Give --num_workers=0" in caplog.text
+    assert "10-20 ms" in caplog.text
+    dataset[0]
+    assert dataset.reader not in dataset_cache._caches
 
 
 def test_cached_items_are_copies(synthetic_dataset):

@@ -5,10 +5,13 @@ window: 10-20 ms per sample, several times the cost of learning from it. Here ea
 with LeRobot's own decoder, each column is read once, and items are assembled from the copies.
 
 `cache_dataset` is the whole interface. It replaces `DatasetReader.get_item` in this process only and only for
-the named dataset; anything unexpected leaves LeRobot's own loader in charge, with a warning.
+the named dataset; anything unexpected leaves LeRobot's own loader in charge, with a warning. Image transforms
+are no part of the copies: they are drawn anew for every item, as LeRobot does.
 """
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -31,15 +34,19 @@ class CacheRefusedError(RuntimeError):
     """Why a dataset is left to LeRobot's loader."""
 
 
-def cache_dataset(meta: Any, gigabytes: float) -> None:
-    """Serve the dataset from memory from its first item on.
+def cache_dataset(meta: Any, gigabytes: float, workers: int = 0) -> None:
+    """Serve the dataset from memory from its first item on, or warn why not and what that costs.
 
     Args:
         meta: Its `LeRobotDatasetMetadata`.
         gigabytes: Largest memory for the decoded frames and columns [GB]; a dataset that needs more is
             refused. 96 x 96 images take 28 kB per frame and camera: 50 episodes of 230 frames from two
             cameras need 0.65 GB.
+        workers: Processes that load the data; each would need a copy of its own, so that only 0 is served.
     """
+    if workers:
+        _warn(meta.root, f"{workers} worker processes load it. Give --num_workers=0 to use the cache")
+        return
     _limits[Path(meta.root)] = gigabytes
     DatasetReader.get_item = _get_item  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -152,13 +159,31 @@ def _build(reader: DatasetReader, gigabytes: float) -> DatasetCache | None:
     try:
         cache = DatasetCache(reader, gigabytes)
         last = len(cache._columns["index"]) - 1
-        for row in {0, last // 2, last}:
-            if not _equal(cache.item(row), _lerobot_get_item(reader, row)):
-                raise CacheRefusedError(f"item {row} differs from LeRobot's")
+        with _without_transforms(reader):  # They are random: two items of one row would differ.
+            for row in {0, last // 2, last}:
+                if not _equal(cache.item(row), _lerobot_get_item(reader, row)):
+                    raise CacheRefusedError(f"item {row} differs from LeRobot's")
     except Exception as reason:
-        logger.warning("Dataset %s is not cached, loading stays slow: %s.", reader.root, reason)
+        _warn(reader.root, str(reason))
         return None
     return cache
+
+
+def _warn(root: Path, reason: str) -> None:
+    logger.warning(
+        "Dataset %s is not cached: %s. Loading stays slow: 10-20 ms a sample of two cameras, not 0.5.",
+        root,
+        reason,
+    )
+
+
+@contextmanager
+def _without_transforms(reader: DatasetReader) -> Iterator[None]:
+    transforms, reader._image_transforms = reader._image_transforms, None
+    try:
+        yield
+    finally:
+        reader._image_transforms = transforms
 
 
 def _equal(ours: dict[str, Any], theirs: dict[str, Any]) -> bool:
