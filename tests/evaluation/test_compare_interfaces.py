@@ -17,7 +17,7 @@ def script(load_script):
         (["--methods=joint,telepathy"], "Unknown interface 'telepathy'"),
         (
             ["--joint_policy=/nowhere"],
-            "No joint checkpoint at /nowhere: config.json, model.safetensors not found. Give --joint_policy=",
+            "No joint checkpoint at /nowhere: config.json, model.safetensors",
         ),
         (["--workers=-1"], "`workers` must not be negative. Got -1."),
         (["--episodes=-1"], "`episodes` must not be negative. Got -1."),

@@ -62,11 +62,14 @@ def test_conditions_stand_side_by_side_with_their_tasks_pooled():
 
 def test_methods_are_tested_on_the_episodes_that_both_ran():
     rows = pd.concat([episodes("raw", "000000", first=2), episodes("dexflex", "1111110")])
-    (test,) = summarise(rows, ["raw", "dexflex"]).tests
+    summary = summarise(rows, ["raw", "dexflex"])
+    (test,) = summary.tests
     # Seeds 2 to 6: dexflex solved 4 that raw did not: p = 2 / 2^4.
     assert (test.n_episodes, test.only_first, test.only_second) == (5, 0, 4)
     assert test.p_value == pytest.approx(2 / 16)
-    assert test.progress_gain.mean == pytest.approx(0.5 * 4 / 5)
+    gain = summary.progress_gain(test)
+    assert gain is not None
+    assert gain.mean == pytest.approx(0.5 * 4 / 5)
     assert test.e_value is None
 
 
@@ -123,10 +126,10 @@ def test_the_version_that_was_appended_last_counts():
 
 
 def test_only_successes_have_a_time_and_missing_numbers_no_mean():
-    means = summarise(episodes("raw", "10d"), ["raw"]).means["raw"]
-    assert means["completion_time"] == (10.0, None, 1)
-    assert means["intervention"] is None
-    drops = means["drops"]
+    summary = summarise(episodes("raw", "10d"), ["raw"])
+    assert summary.mean("raw", "completion_time") == (10.0, None, 1)
+    assert summary.mean("raw", "intervention") is None
+    drops = summary.mean("raw", "drops")
     assert drops is not None
     assert drops.mean == pytest.approx(1 / 3)
 

@@ -54,10 +54,10 @@ def detail_rows(summary: Summary) -> Rows:
     """Return everything that is known of each method, over all columns of the summary."""
     rows = []
     for name in summary.methods:
-        rate, means = summary.rates.get((name, summary.columns[-1])), summary.means[name]
+        rate = summary.rates.get((name, summary.columns[-1]))
         found = ("-", "-") if rate is None else (_count(rate), _interval(rate))
         numbers = [
-            _mean(means[metric], 1 if metric == "completion_time" else 2)
+            _mean(summary.mean(name, metric), 1 if metric == "completion_time" else 2)
             for metric in ("progress", "completion_time", "drops", "holding", "intervention")
         ]
         rows.append([name, *found, *numbers])
@@ -79,7 +79,7 @@ def pair_rows(summary: Summary) -> Rows:
             str(test.only_second),
             f"{test.p_value:.3g}",
             f"{test.p_value_holm:.3g}",
-            _mean(test.progress_gain, 2, sign="+"),
+            _mean(summary.progress_gain(test), 2, sign="+"),
             *((_number(test.e_value), _number(test.p_anytime_holm)) if _any_grew(summary) else ()),
         ]
         for test in summary.tests
@@ -135,7 +135,7 @@ def detail_markdown(summary: Summary) -> str:
     header = ("interface", "success", "95 % interval (Wilson)", "time to success")
     rows = []
     for name in summary.methods:
-        rate, seconds = summary.rates[name, summary.columns[-1]], summary.means[name]["completion_time"]
+        rate, seconds = summary.rates[name, summary.columns[-1]], summary.mean(name, "completion_time")
         low, high = rate.pc_success_ci95
         time = "-" if seconds is None else f"{seconds.mean:.1f} s"
         rows.append([f"`{name}`", _percent(rate), f"{low:.0f} to {high:.0f} %", time])
