@@ -1,5 +1,6 @@
 """The state that all interfaces share: what the hand was last told to do, row by row."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -14,11 +15,16 @@ from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 N_JOINTS = len(leap.LINKS)
 LARGEST_STEP = leap.MAX_SPEED * CONTROL_PERIOD
-"""Largest change of a joint target in a control step [rad]; ordinary commands stay below .35."""
+"""Largest change of a joint target in a control step [rad]. Ordinary commands ask for up to .27, and those of
+`reflex` for .50."""
 RUNAWAY, FOLLOWED = 0.030, 0.002
 """A commanded fingertip farther from where its joints put it has run away, and one nearer than the second is
 followed [m]. Commands run ahead in ordinary work too, since the posture is tied and joints end: `raw` by up
 to 14 mm under noise and a scale of 1.5, `dexflex` by 19 mm under a bias, `reflex` by 23 mm."""
+
+
+STUCK = 0.001
+"""Joints that bring a fingertip less than this toward its command in a step do not approach it [m]."""
 
 
 class _Leash(NamedTuple):
@@ -29,7 +35,7 @@ class _Leash(NamedTuple):
     away: Tensor
     """Unit vector in which it did. Shape (batch, 4, 3)."""
     followed: Tensor
-    """Joints that last followed their command [rad]. Shape (batch, 4, 4)."""
+    """Joints that last followed or approached their command [rad]. Shape (batch, 4, 4)."""
 
 
 class CommandedHand:
@@ -96,9 +102,10 @@ class CommandedHand:
     def execute(self, joints: Tensor, tips: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Bound a command, remember and return it; what is within the bounds passes bit for bit.
 
-        A finger whose commanded tip is `RUNAWAY` beyond where its joints put it goes back to the joints that
-        last followed, and stays there until it is told to come back. It then does so at once: neither has the
-        command a way to go, nor are the joints stretched until inverse kinematics cannot bend them any more.
+        A commanded tip that is `RUNAWAY` beyond where its joints put it is cut off there while the joints
+        still approach it. Once they do not, the finger goes back to the joints that last followed, and stays
+        there until it is told to come back. It then does so at once: neither has the command a way to go, nor
+        are the joints stretched until inverse kinematics cannot bend them any more.
 
         Args:
             joints: Joint targets [rad]. Shape (batch, 16).
@@ -110,39 +117,51 @@ class CommandedHand:
         assert self.joints is not None
         assert self.tips is not None
         _refuse_non_finite("The command", joints)
-        self._before = self.joints, self.tips
+        before = self.joints, self.tips
         joints = self._no_faster(joints)
         reached = fingertips(joints)
-        if tips is None:
-            self.joints, self.tips = joints, reached
-            return joints, reached
-        held, followed = self._leashed(joints, tips, reached)
-        if held.any():
-            still = self._no_faster(followed.flatten(1))
-            joints = torch.where(held.repeat_interleave(4, 1), still, joints)
-            tips = torch.where(held[..., None], fingertips(joints), tips)
-        self.joints, self.tips = joints, tips
-        return joints, tips
+        if tips is not None:
+            joints, tips = self._leashed(joints, tips, reached)
+        self.joints, self.tips, self._before = joints, reached if tips is None else tips, before
+        return self.joints, self.tips
 
     def _no_faster(self, joints: Tensor) -> Tensor:
         assert self.joints is not None
         return joints.clamp(self.joints - LARGEST_STEP, self.joints + LARGEST_STEP)
 
     def _leashed(self, joints: Tensor, tips: Tensor, reached: Tensor) -> tuple[Tensor, Tensor]:
-        """Return which fingers are held (batch, 4) and the joints that last followed (batch, 4, 4)."""
+        """Return joints and tips of which none runs away; `reached` is where the joints put the tips."""
         assert self._leash is not None
+        held, away, followed = self._leash
         lead = tips - reached
-        size = lead.norm(dim=-1)
-        ran = size > RUNAWAY
-        away = torch.where(
-            (ran & ~self._leash.held)[..., None], lead / size.clamp(min=RUNAWAY)[..., None], self._leash.away
-        )
-        returning = ((tips - self.tips) * away).sum(-1) < 0
-        held = ran | (self._leash.held & ~returning)
-        near = (size <= FOLLOWED) & ~held
-        followed = torch.where(near[..., None], joints.unflatten(1, (4, 4)), self._leash.followed)
+        size = lead.norm(dim=-1)  # (batch, 4)
+        near = size < FOLLOWED
+        far = size > RUNAWAY
+        if (far | held).any():
+            direction = lead / size.clamp(min=FOLLOWED)[..., None]
+            stuck = far & (self._approach(reached, direction) < STUCK)
+            away = torch.where((stuck & ~held)[..., None], direction, away)
+            held = stuck | (held & ~self._returns(tips, size, away))
+            near = (near | far) & ~held
+            tips = torch.where(far[..., None], reached, tips)
+            still = self._no_faster(followed.flatten(1))
+            joints = torch.where(held.repeat_interleave(4, 1), still, joints)
+            tips = torch.where(held[..., None], fingertips(joints), tips)
+        followed = torch.where(near[..., None], joints.unflatten(1, (4, 4)), followed)
         self._leash = _Leash(held, away, followed)
-        return held, followed
+        return joints, tips
+
+    def _approach(self, reached: Tensor, direction: Tensor) -> Tensor:
+        """Return how far this step brings the tips in a direction [m]. Shape (batch, 4)."""
+        assert self.joints is not None
+        return ((reached - fingertips(self.joints)) * direction).sum(-1)
+
+    def _returns(self, tips: Tensor, size: Tensor, away: Tensor) -> Tensor:
+        """Return which commands go back, or sideways so that the joints follow. Shape (batch, 4)."""
+        assert self.tips is not None
+        asked = tips - self.tips
+        outward, length = (asked * away).sum(-1), asked.norm(dim=-1)
+        return (outward < 0) | ((outward < length / 2) & (size < length / 2))
 
     def undo(self) -> None:
         """Take the last command back, so that another can take its place."""
@@ -150,7 +169,7 @@ class CommandedHand:
         self.joints, self.tips = self._before
 
 
-class CommandedInterface:
+class CommandedInterface(ABC):
     """What every interface that commands the hand itself shares: its state, its start and its motion."""
 
     name: str
@@ -177,6 +196,10 @@ class CommandedInterface:
         joints, tips = self._hand.start(observation)
         tips = tips + displacement
         return self._hand.execute(solve_fingertips(tips, joints), tips)[0]
+
+    @abstractmethod
+    def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
+        """Execute the first step of a draft; see `Interface.step`."""
 
     def move_instead(self, observation: Mapping[str, Tensor], displacement: Tensor) -> Tensor:
         """Take this step's command back and `move` from where it began."""

@@ -6,16 +6,25 @@ learned interface with `shrink` must therefore give it the same chance.
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Protocol
 
 from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface
 from lerobot_dexflex.interfaces.explanation import Explanation, relative_change
+from lerobot_dexflex.interfaces.protocol import Interface
 from lerobot_dexflex.interfaces.wrapper import WrappedInterface
 
 
-class GainInterface(WrappedInterface[CommandedInterface]):
+class Movable(Interface, Protocol):
+    """An interface that can be told what it should have executed, as every `CommandedInterface` can."""
+
+    def move_instead(self, observation: Mapping[str, Tensor], displacement: Tensor) -> Tensor:
+        """See `CommandedInterface.move_instead`."""
+        ...
+
+
+class GainInterface(WrappedInterface[Movable]):
     """Displace the commanded fingertips by `gain` times what another interface would. Satisfies `Interface`.
 
     The joints are solved anew for the fingertips that result, corrections of the joints included, and the
@@ -29,7 +38,7 @@ class GainInterface(WrappedInterface[CommandedInterface]):
         DexFlexError: If the gain is outside or `inner` takes joint targets.
     """
 
-    def __init__(self, inner: CommandedInterface, gain: float) -> None:
+    def __init__(self, inner: Movable, gain: float) -> None:
         if not 0 < gain <= 1:
             raise DexFlexError(f"`gain` must be in (0, 1]; 0 is the interface 'hold'. Got {gain}.")
         if inner.command_space != "draft":

@@ -7,6 +7,7 @@ import pytest
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies, load_checkpoint
 from lerobot_dexflex.evaluation.policy_files import POLICY_FILES, check_policy_files
+from lerobot_dexflex.interfaces import Method
 
 SHIPPED = Path(__file__).parents[2] / "policies/checkpoints/pour_cup_draft"
 STATE = "policy_preprocessor_step_3_normalizer_processor.safetensors"
@@ -36,11 +37,11 @@ def test_a_checkpoint_with_a_damaged_file_is_refused_by_the_files_name(folder, n
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
         check_policy_files(folder)
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
-        LeRobotPolicies(folder, folder).identity(["raw"])
+        LeRobotPolicies(folder, folder).check(["raw"])
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
-        AdaptedPolicies(folder).identity(["raw"])
+        AdaptedPolicies(folder).check(["raw"])
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
-        load_checkpoint(folder, "raw", "cpu")
+        load_checkpoint(folder, Method.parse("raw"), "cpu")
 
 
 @pytest.mark.parametrize("text", ["[]", "null", '"raw"'])
@@ -61,4 +62,4 @@ def test_a_setting_of_another_version_is_refused_by_its_name(folder):
     settings = json.loads((folder / "config.json").read_text())
     (folder / "config.json").write_text(json.dumps(settings | {"speed": 3}))
     with pytest.raises(DexFlexError, match=r"config\.json .*speed"):
-        load_checkpoint(folder, "raw", "cpu")
+        load_checkpoint(folder, Method.parse("raw"), "cpu")

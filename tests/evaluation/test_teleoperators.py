@@ -54,7 +54,7 @@ def test_a_teleoperator_without_a_glove_solves_its_task_and_its_motion_is_told()
     [recorder] = run_group(environments(1), controller, [7])
     assert recorder.success
     assert controller.motion is not None
-    assert recorder.outcome("raw", 0, 7, (0, 1)).intervention == pytest.approx(0, abs=1e-6)
+    assert recorder.outcome("raw", 7).intervention == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.parametrize("interface", ["raw", "filter"])

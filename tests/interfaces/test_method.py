@@ -1,6 +1,7 @@
 import dataclasses
 import inspect
 from importlib import import_module
+from typing import Any, cast
 
 import pytest
 
@@ -94,7 +95,7 @@ def test_every_setting_of_a_selection_but_the_projections_gains_is_an_option():
 
 
 def test_options_and_ablation_reach_the_controllers_settings(controller_folder):
-    interface = make_interface("dexflex-notouch:n_pure=3+seeds=draft/0.5+levels=0.25", controller_folder)
+    interface: Any = make_interface("dexflex-notouch:n_pure=3+seeds=draft/0.5+levels=0.25", controller_folder)
     expected = SelectionSettings(n_pure=3, seeds=("draft", "0.5"), levels=(0.25,), use_touch=False)
     assert interface.settings == expected
 
@@ -139,9 +140,10 @@ def test_the_weights_of_a_method_are_the_files_that_decide(controller_folder, tm
 
 
 def test_a_controller_is_loaded_once_and_interfaces_keep_their_state_beside_it(controller_folder):
-    first, second = (make_interface(name, controller_folder) for name in ("dexflex", "dexgen"))
-    assert first.controller is second.controller
-    assert make_interface("dexgen", str(controller_folder)).prior is second.prior
+    names = ("dexflex", "dexgen", "dexgen")
+    first, second, third = (cast(Any, make_interface(name, controller_folder)) for name in names)
+    assert first.controller is second.controller is third.controller
+    assert second.prior is third.prior
     assert first._past is not second._past
 
 

@@ -69,7 +69,7 @@ def test_an_environment_without_touch_is_refused(tiny):
     [
         (
             {"interface": "psychic"},
-            r"Unknown interface 'psychic'\. Valid interfaces: joint, raw, filter",
+            r"Unknown interface 'psychic' in 'psychic'\. Valid: joint, raw, filter",
         ),
         ({"action_space": "torque"}, r"`action_space` must be one of joint, draft.*Got 'torque'"),
         ({"n_action_steps": 17}, r"between 1 and `chunk_size` \(16\)\. Got 17"),

@@ -7,6 +7,7 @@ import torch
 from lerobot.configs import PreTrainedConfig
 from safetensors.torch import load_file
 
+from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.errors import DexFlexError
 
 LEARNED = ["dexgen", "dexflex"]
@@ -97,11 +98,9 @@ def test_a_controller_of_other_content_is_reported_and_the_same_is_not(policy, c
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         type(ours).from_pretrained(tmp_path / "policy")
-    other = load_file(folder / "model.safetensors")
-    other["decoder.out.bias"] = other["decoder.out.bias"] + 1
-    from safetensors.torch import save_file
-
-    save_file(other, folder / "model.safetensors")
+    other = DexFlexController.from_pretrained(folder)
+    other.decoder.out.bias.data.add_(1)
+    other.save_pretrained(folder)
     with pytest.warns(UserWarning, match=r"is not the one that this policy was saved with \(dexflex:\w+\)"):
         type(ours).from_pretrained(tmp_path / "policy")
 

@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 
 from lerobot_dexflex.controller import SelectionSettings
@@ -19,9 +21,10 @@ def test_the_oracle_takes_its_reference_first_and_settings_of_selection(controll
     method = Method.parse("oracle:moving=2+clean")
     assert method.name == "oracle:clean+moving=2"
     assert method.options == (("reference", "clean"), ("moving", 2))
-    oracle = method.make(controller_folder)
+    oracle: Any = method.make(controller_folder)
     assert (oracle._reference, oracle._moving, oracle.settings) == ("clean", 2, FEW)
-    assert Method.parse("oracle:n_pure=3").make(controller_folder).settings == SelectionSettings(n_pure=3)
+    wide: Any = Method.parse("oracle:n_pure=3").make(controller_folder)
+    assert wide.settings == SelectionSettings(n_pure=3)
     with pytest.raises(DexFlexError, match=r"`reference` must be 'draft' or 'clean'\. Got 'luck'"):
         Method.parse("oracle:luck").make(controller_folder)
 
