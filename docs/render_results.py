@@ -51,7 +51,7 @@ def success() -> bytes:
     looks = [(name, shift, colour(k)) for k, (name, shift) in enumerate(zip(INTERFACES, shifts, strict=True))]
     figure, panels = new_panels(9.0, 7.0, len(CONDITIONS))
     for axes, (condition, meaning) in zip(panels, CONDITIONS.items(), strict=True):
-        part = rows[(rows["condition"] == condition) & rows["task"].isin(TASKS)]
+        part = rows.loc[(rows["condition"] == condition) & rows["task"].isin(TASKS)]
         run = [name for name in INTERFACES if name in set(part["method"])]
         summary = summarise(part, run, columns=TASKS)
         for name, shift, ink in looks:

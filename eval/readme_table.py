@@ -133,12 +133,12 @@ def markdown(view: View) -> str:
     rows = newest(read(view.results / "tasks.csv"))
     grew = grown(read(view.results / RUNS))
     methods, conditions, tasks = (part.split(",") for part in (view.methods, view.conditions, view.tasks))
-    rows = rows[rows["task"].isin(tasks) & rows["condition"].isin(conditions)]
+    rows = rows.loc[rows["task"].isin(tasks) & rows["condition"].isin(conditions)]
     if view.by == "condition":
         return rates_markdown(summarise(rows, methods, "condition", conditions, grew))
     parts = []
     for condition in conditions:
-        here = rows[rows["condition"] == condition]
+        here = rows.loc[rows["condition"] == condition]
         summary = summarise(here, methods, "task", tasks, grew)
         text = rates_markdown(summary) if len(tasks) > 1 else detail_markdown(summary)
         parts.append(f"**{condition}**\n\n{text}" if len(conditions) > 1 else text)

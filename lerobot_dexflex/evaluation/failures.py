@@ -19,7 +19,7 @@ def failures(rows: pd.DataFrame, stages: Sequence[str]) -> list[str]:
         rows: Episodes of one task.
         stages: What progress 1/n, 2/n, ... 1 of the task stand for; without them the progress itself is told.
     """
-    failed = rows[~rows["success"].astype(bool)]
+    failed = rows.loc[~rows["success"].astype(bool)]
     return [
         f"{ending}, {_reached(progress, stages)}"
         for ending, progress in zip(endings(failed), failed["progress"], strict=True)

@@ -21,8 +21,6 @@ from lerobot_dexflex.runs.statistics import (
 )
 
 AVERAGE = "average"
-METRICS = ("progress", "progress_final", "completion_time", "steps", "drops", "holding", "intervention")
-"""Numbers of an episode whose means are told; `completion_time` [s] is that of the successes."""
 _EPISODE = ["task", "condition", "seed"]
 """What the same episode has in common under every method."""
 
@@ -43,8 +41,6 @@ class PairTest(NamedTuple):
     """Evidence that stays valid where n grew after a look; None where it did not. See `paired_e_value`."""
     p_anytime_holm: float | None
     """min(1, 1 / e_value), adjusted likewise; None where n did not grow."""
-    progress_gain: Mean
-    """Mean of second - first."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +54,26 @@ class Summary:
     """Tasks, or conditions; with more than one, also their `AVERAGE`."""
     rates: dict[tuple[str, str], Rate]
     """By method and column; missing where there are no episodes, or no equal numbers to average over."""
-    means: dict[str, dict[str, Mean | None]]
-    """By method and metric, over all episodes."""
     tests: tuple[PairTest, ...]
 
     def of(self, method: str) -> pd.DataFrame:
         """Return the episodes of a method, in the order of tasks, conditions and seeds."""
-        return self.rows[self.rows["method"] == method].sort_values(_EPISODE, kind="stable")
+        return self.rows.loc[self.rows["method"] == method].sort_values(by=_EPISODE, kind="stable")
+
+    def mean(self, method: str, metric: str) -> Mean | None:
+        """Return the mean of a column over the episodes of a method for which it is known.
+
+        `completion_time` [s] is that of the successes.
+        """
+        episodes = self.of(method)
+        if metric == "completion_time":
+            episodes, metric = episodes.loc[episodes["success"].astype(bool)], "seconds"
+        return mean_interval(episodes[metric].dropna().astype(float).tolist())
+
+    def progress_gain(self, test: PairTest) -> Mean | None:
+        """Return the mean of second - first over the episodes that both have run."""
+        pair = _paired(self.of(test.first), self.of(test.second))
+        return mean_interval((pair["progress_second"] - pair["progress_first"]).tolist())
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -76,7 +85,7 @@ def newest(rows: pd.DataFrame) -> pd.DataFrame:
     """Return of each method, task and condition the rows of the version that was appended last."""
     group = ["method", "task", "condition"]
     last = rows.groupby(group, sort=False)["version"].transform("last")
-    return rows[rows["version"] == last]
+    return rows.loc[rows["version"] == last]
 
 
 def grown(origins: pd.DataFrame) -> frozenset[str]:
@@ -106,19 +115,20 @@ def summarise(
         DexFlexError: If a method has no episodes.
     """
     columns = tuple(columns or dict.fromkeys(rows[by]))
-    rows = rows[rows["method"].isin(methods) & rows[by].isin(columns)]
+    rows = rows.loc[rows["method"].isin(methods) & rows[by].isin(columns)]
     if missing := [name for name in methods if name not in set(rows["method"])]:
         raise DexFlexError(f"There are no episodes of {', '.join(missing)} in {', '.join(columns)}.")
     rates = {
-        (str(method), str(column)): success_rate(part["success"].astype(bool).tolist())
-        for (method, column), part in rows.groupby(["method", by], sort=False)
+        (method, column): success_rate(part["success"].astype(bool).tolist())
+        for method in methods
+        for column in columns
+        if not (part := rows.loc[(rows["method"] == method) & (rows[by] == column)]).empty
     }
     shown = (*columns, AVERAGE) if len(columns) > 1 else columns
     for method in methods:
         if len(columns) > 1 and (rate := _pooled([rates.get((method, column)) for column in columns])):
             rates[method, AVERAGE] = rate
-    means = {method: _means(rows[rows["method"] == method]) for method in methods}
-    return Summary(rows, tuple(methods), shown, rates, means, _tests(rows, methods, grew))
+    return Summary(rows, tuple(methods), shown, rates, _tests(rows, methods, grew))
 
 
 def _pooled(rates: Sequence[Rate | None]) -> Rate | None:
@@ -130,24 +140,23 @@ def _pooled(rates: Sequence[Rate | None]) -> Rate | None:
     return success_rate([k < successes for k in range(sum(rate.n_episodes for rate in found))])
 
 
-def _means(rows: pd.DataFrame) -> dict[str, Mean | None]:
-    values = rows.assign(completion_time=rows["seconds"].where(rows["success"].astype(bool)))
-    return {name: mean_interval(values[name].dropna().astype(float).tolist()) for name in METRICS}
+def _paired(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
+    """Return the episodes that both have run, a row each, with columns `..._first` and `..._second`."""
+    return first.merge(second, on=_EPISODE, suffixes=("_first", "_second"))
 
 
 def _tests(rows: pd.DataFrame, methods: Sequence[str], grew: frozenset[str]) -> tuple[PairTest, ...]:
     found = []
-    episodes = {name: part.set_index(_EPISODE) for name, part in rows.groupby("method")}
+    episodes = {name: rows.loc[rows["method"] == name] for name in methods}
     for first, second in combinations(methods, 2):
-        pair = episodes[first].join(episodes[second], how="inner", lsuffix="_first", rsuffix="_second")
+        pair = _paired(episodes[first], episodes[second])
         if pair.empty:
             continue
-        test = paired_test(*(pair[f"success_{which}"].astype(bool).tolist() for which in ("first", "second")))
-        gain = mean_interval((pair["progress_second"] - pair["progress_first"]).tolist())
-        assert gain is not None
+        solved = (pair[f"success_{which}"].astype(bool).tolist() for which in ("first", "second"))
+        test = paired_test(*solved)
         looked = not grew.isdisjoint([*pair["version_first"], *pair["version_second"]])
         evidence = paired_e_value(test.only_first, test.only_second) if looked else None
-        found.append(PairTest(first, second, len(pair), *test, test.p_value, evidence, None, gain))
+        found.append(PairTest(first, second, len(pair), *test, test.p_value, evidence, None))
     fixed = holm([test.p_value for test in found])
     anytime = holm([min(1.0, 1 / (test.e_value or 1.0)) for test in found])
     return tuple(
@@ -164,10 +173,8 @@ def write_eval_info(rows: pd.DataFrame, path: Path) -> None:
         path: JSON file.
     """
     tasks = list(dict.fromkeys(rows["task"]))
-    groups = {
-        f"{method} {condition}": part
-        for (method, condition), part in rows.groupby(["method", "condition"], sort=False)
-    }
+    names = rows["method"] + " " + rows["condition"]
+    groups = {str(name): part for name, part in rows.groupby(names, sort=False)}
     info = {
         "per_task": [
             {"task_group": name, "task_id": tasks.index(str(task)), "task": task, "metrics": _metrics(part)}

@@ -49,7 +49,7 @@ def expert_rate(
         raise DexFlexError(f"`episodes` must be at least 1. Got {episodes}.")
     if seed < 0:
         raise DexFlexError(f"`seed` must not be negative. Got {seed}.")
-    modules = (run_attempt.__module__, TASKS[task].module, expert_module(task))
+    modules = (__name__, run_attempt.__module__, TASKS[task].module, expert_module(task))
     version = method_version(modules, first_seed=seed)  # The expert's noise is drawn from it and k.
     jobs = [Job(METHOD, version.name, task, CONDITION, (seed + k,)) for k in range(episodes)]
     attempt = run or functools.partial(run_attempt, task, seed, cameras=False)

@@ -110,7 +110,7 @@ def read(path: Path) -> pd.DataFrame:
         text = path.read_text()
         header = text.partition("\n")[0]
         whole = text[: text.rfind("\n") + 1].replace(f"\n{header}\n", "\n")
-        kinds = {name: str for name in header.split(",") if name in _TEXT}
+        kinds: Any = {name: str for name in header.split(",") if name in _TEXT}
         rows = pd.read_csv(io.StringIO(whole), dtype=kinds)
     except FileNotFoundError as error:
         raise DexFlexError(f"There are no results: {path} not found.") from error

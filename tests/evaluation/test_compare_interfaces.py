@@ -17,7 +17,7 @@ def script(load_script):
         (["--methods=joint,telepathy"], "Unknown interface 'telepathy'"),
         (
             ["--joint_policy=/nowhere"],
-            "No joint checkpoint at /nowhere: config.json, model.safetensors not found. Give --joint_policy=",
+            "No joint checkpoint at /nowhere: config.json, model.safetensors",
         ),
         (["--workers=-1"], "`workers` must not be negative. Got -1."),
         (["--episodes=-1"], "`episodes` must not be negative. Got -1."),
@@ -34,7 +34,7 @@ def script(load_script):
         (["--conditions=removal_-1mm"], "Got -0.001"),
         (
             ["--conditions=windy"],
-            "Unknown word 'windy' in the condition 'windy'. Valid, joined by `+`: clean",
+            "Unknown word 'windy' in the condition 'windy'. Valid, joined by `+`:",
         ),
         (["--methods=dexgen@4"], "An interface's gain must be in (0, 1], as in dexgen@0.4. Got 'dexgen@4'"),
         (["--methods=joint@0.5"], "Only displacements can be scaled; 'joint' executes joint targets."),

@@ -22,7 +22,7 @@ def test_failures_are_told_by_their_end_and_the_furthest_stage():
 
 
 def test_a_task_without_named_stages_tells_the_progress():
-    assert failures(ROWS[:1], ()) == ["time out, progress 0.33"]
+    assert failures(ROWS.head(1), ()) == ["time out, progress 0.33"]
 
 
 def test_an_episode_ends_with_success_even_if_the_object_was_dropped_before():

@@ -32,6 +32,9 @@ def test_the_watcher_of_a_row_sees_its_reset_and_every_step():
             self.progress.append(info["progress"])
             self.motions.append(motion)
 
+        def close(self, outcome):
+            raise AssertionError("A group does not know who acted.")
+
     watcher = Watcher()
     recorders = run_group(environments(2), FakeController("good"), [0, 1], {1: [watcher]})
     assert len(watcher.progress) == recorders[1].steps + 1

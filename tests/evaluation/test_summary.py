@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.report.table import markdown, pair_rows, rate_rows, tests_sentence
+from lerobot_dexflex.evaluation.report.table import markdown, pair_rows, pairs_sentence, rate_rows
 from lerobot_dexflex.evaluation.summary import AVERAGE, grown, newest, summarise, write_eval_info
 
 A, B = "PourCup-v0", "PlaceHammer-v0"
@@ -62,11 +62,14 @@ def test_conditions_stand_side_by_side_with_their_tasks_pooled():
 
 def test_methods_are_tested_on_the_episodes_that_both_ran():
     rows = pd.concat([episodes("raw", "000000", first=2), episodes("dexflex", "1111110")])
-    (test,) = summarise(rows, ["raw", "dexflex"]).tests
+    summary = summarise(rows, ["raw", "dexflex"])
+    (test,) = summary.tests
     # Seeds 2 to 6: dexflex solved 4 that raw did not: p = 2 / 2^4.
     assert (test.n_episodes, test.only_first, test.only_second) == (5, 0, 4)
     assert test.p_value == pytest.approx(2 / 16)
-    assert test.progress_gain.mean == pytest.approx(0.5 * 4 / 5)
+    gain = summary.progress_gain(test)
+    assert gain is not None
+    assert gain.mean == pytest.approx(0.5 * 4 / 5)
     assert test.e_value is None
 
 
@@ -101,9 +104,9 @@ def test_an_e_value_stands_beside_the_test_where_n_grew():
     assert test.e_value == pytest.approx(256 / 9)
     assert test.p_anytime_holm == pytest.approx(9 / 256)
     assert pair_rows(summary)[0][-2:] == ["28.4", "0.0352"]
-    assert tests_sentence(summary) == (
-        "raw against dexflex p = 0.0078. These episodes come from more than one command; E-values, valid also "
-        "if some were added after a look (Holm): raw against dexflex p = 0.035."
+    assert pairs_sentence(summary) == (
+        "raw against dexflex p = 0.0078. These episodes come from more than one command; E-values, valid "
+        "also if some were added after a look (Holm): raw against dexflex p = 0.035."
     )
 
 
@@ -123,10 +126,10 @@ def test_the_version_that_was_appended_last_counts():
 
 
 def test_only_successes_have_a_time_and_missing_numbers_no_mean():
-    means = summarise(episodes("raw", "10d"), ["raw"]).means["raw"]
-    assert means["completion_time"] == (10.0, None, 1)
-    assert means["intervention"] is None
-    drops = means["drops"]
+    summary = summarise(episodes("raw", "10d"), ["raw"])
+    assert summary.mean("raw", "completion_time") == (10.0, None, 1)
+    assert summary.mean("raw", "intervention") is None
+    drops = summary.mean("raw", "drops")
     assert drops is not None
     assert drops.mean == pytest.approx(1 / 3)
 

@@ -40,13 +40,13 @@ def test_an_interrupted_measurement_continues(tmp_path):
 
 def test_attempts_of_another_first_seed_are_other_episodes(tmp_path):
     ran = []
+
+    def run(index):
+        ran.append(index)
+        return every_fourth_fails(index)
+
     measure(tmp_path / "tasks.csv", episodes=4)
-    measure(
-        tmp_path / "tasks.csv",
-        lambda index: ran.append(index) or every_fourth_fails(index),
-        episodes=4,
-        seed=102,
-    )
+    measure(tmp_path / "tasks.csv", run, episodes=4, seed=102)
     assert ran == [0, 1, 2, 3]
 
 

@@ -38,7 +38,7 @@ def write_report(comparison: Comparison, rows: pd.DataFrame) -> tuple[str, Path]
     summaries = {
         condition: summarise(part, methods, "task", list(comparison.players), grew)
         for condition in comparison.conditions
-        if not (part := rows[rows["condition"] == condition]).empty
+        if not (part := rows.loc[rows["condition"] == condition]).empty
     }
     text = "\n\n".join(
         [*(table.markdown(found, _title(found)) for found in summaries.values()), table.MEANINGS]
@@ -49,7 +49,7 @@ def write_report(comparison: Comparison, rows: pd.DataFrame) -> tuple[str, Path]
     sections = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(table.MEANINGS)}</p>"]
     for condition, found in summaries.items():
         sections += _condition(comparison, condition, found, grew)
-    shown = runs[runs["version"].isin(rows["version"])]
+    shown = runs.loc[runs["version"].isin(rows["version"])]
     page = document(title, [*sections, origins(shown)])
     return text, write_page(comparison.output / PAGE, page)
 

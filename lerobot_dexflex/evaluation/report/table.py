@@ -29,8 +29,8 @@ MEANINGS = (
     "Success with Wilson 95 % intervals. Progress is each episode's largest, drops per episode, holding the "
     "share of time with the object in hand, intervention the mean ||executed - draft|| / ||draft||; means "
     "with bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over "
-    "all pairs of the table; progress gain: second - first. E, where episodes come from several commands: "
-    "its inverse is a p-value also if some were added after a look."
+    "all pairs of the table; progress gain: second - first. E, where episodes come from more than one "
+    "command: its inverse is a p-value also if some were added after a look."
 )
 
 Rows = list[list[str]]
@@ -54,10 +54,10 @@ def detail_rows(summary: Summary) -> Rows:
     """Return everything that is known of each method, over all columns of the summary."""
     rows = []
     for name in summary.methods:
-        rate, means = summary.rates.get((name, summary.columns[-1])), summary.means[name]
+        rate = summary.rates.get((name, summary.columns[-1]))
         found = ("-", "-") if rate is None else (_count(rate), _interval(rate))
         numbers = [
-            _mean(means[metric], 1 if metric == "completion_time" else 2)
+            _mean(summary.mean(name, metric), 1 if metric == "completion_time" else 2)
             for metric in ("progress", "completion_time", "drops", "holding", "intervention")
         ]
         rows.append([name, *found, *numbers])
@@ -79,7 +79,7 @@ def pair_rows(summary: Summary) -> Rows:
             str(test.only_second),
             f"{test.p_value:.3g}",
             f"{test.p_value_holm:.3g}",
-            _mean(test.progress_gain, 2, sign="+"),
+            _mean(summary.progress_gain(test), 2, sign="+"),
             *((_number(test.e_value), _number(test.p_anytime_holm)) if _any_grew(summary) else ()),
         ]
         for test in summary.tests
@@ -122,7 +122,7 @@ def rates_markdown(summary: Summary) -> str:
     """Return success by method and column, and the paired tests over all episodes in a sentence."""
     rows = [[f"`{name}`", *cells] for name, *cells in rate_rows(summary)]
     tests = (
-        f" Exact McNemar tests over all episodes (Holm): {tests_sentence(summary)}" if summary.tests else ""
+        f" Exact McNemar tests over all episodes (Holm): {pairs_sentence(summary)}" if summary.tests else ""
     )
     return (
         as_markdown(["interface", *rate_header(summary)[1:]], rows)
@@ -135,12 +135,12 @@ def detail_markdown(summary: Summary) -> str:
     header = ("interface", "success", "95 % interval (Wilson)", "time to success")
     rows = []
     for name in summary.methods:
-        rate, seconds = summary.rates[name, summary.columns[-1]], summary.means[name]["completion_time"]
+        rate, seconds = summary.rates[name, summary.columns[-1]], summary.mean(name, "completion_time")
         low, high = rate.pc_success_ci95
         time = "-" if seconds is None else f"{seconds.mean:.1f} s"
         rows.append([f"`{name}`", _percent(rate), f"{low:.0f} to {high:.0f} %", time])
     seeds = summary.rows["seed"]
-    tests = f" Exact McNemar tests (Holm): {tests_sentence(summary)}" if summary.tests else ""
+    tests = f" Exact McNemar tests (Holm): {pairs_sentence(summary)}" if summary.tests else ""
     return (
         as_markdown(header, rows)
         + f"\n\nn = {_episodes(summary)} paired episodes per interface on held-out initial states "
@@ -148,7 +148,7 @@ def detail_markdown(summary: Summary) -> str:
     )
 
 
-def tests_sentence(summary: Summary) -> str:
+def pairs_sentence(summary: Summary) -> str:
     """Return which pairs differ, and the smallest p-value of those that do not.
 
     Of more than five methods, only the last one's tests are told; Holm's adjustment is over all pairs.
