@@ -76,14 +76,14 @@ class Program:
 
 PROGRAMS = {
     "recording": Program(
-        (str(_BIN / "dexflex-record"), "--root={output}/set", "--task=PlaceHammer-v0", "--episodes=4"),
+        (str(_BIN / "dexflex-record"), "--root={output}/set", "--task=PlaceHammer-v0", "--episodes=2"),
         lambda folder: files(folder, "set.partial/*.npz"),
         lambda folder: files(folder, "set/data/**/*.parquet", "set/videos/**/*.mp4", "set/meta/stats.json"),
     ),
     "corpus": Program(
         (
             *(str(_BIN / "dexflex-corpus"), "--output={output}/corpus", "--objects_per_job=1"),
-            *("--steps_per_object=120", "--jobs.train=4", "--jobs.tune=0", "--jobs.test=0"),
+            *("--steps_per_object=120", "--jobs.train=3", "--jobs.tune=0", "--jobs.test=0"),
         ),
         lambda folder: tensors(folder, "corpus/train/*.safetensors"),
         lambda folder: tensors(folder, "corpus/train/*.safetensors"),
@@ -91,9 +91,9 @@ PROGRAMS = {
     "training": Program(
         (
             *(str(_BIN / "dexflex-train"), f"--corpus={_CORPUS}", "--output={output}/controller"),
-            *("--stages=[encoder_prior, dexgen]", "--encoder_prior.fit.steps=150"),
+            *("--stages=[encoder_prior, dexgen]", "--encoder_prior.fit.steps=60"),
             *("--encoder_prior.fit.checkpoint_seconds=2", "--dexgen.fit.checkpoint_seconds=2"),
-            *("--dexgen.fit.steps=150", "--encoder_prior.fit.batch_size=64", "--dexgen.fit.batch_size=64"),
+            *("--dexgen.fit.steps=60", "--encoder_prior.fit.batch_size=64", "--dexgen.fit.batch_size=64"),
         ),
         lambda folder: files(folder, "controller/*/weights.pt"),
         lambda folder: files(folder, "controller/controller/*.safetensors"),
@@ -101,7 +101,7 @@ PROGRAMS = {
     "comparison": Program(
         (
             *(sys.executable, str(_ROOT / "eval/compare_interfaces.py"), "--output={output}/compare"),
-            *("--tasks=PlaceHammer-v0", "--methods=joint,raw", "--episodes=3", "--videos=0", "--seed=50000"),
+            *("--tasks=PlaceHammer-v0", "--methods=joint,raw", "--episodes=2", "--videos=0", "--seed=50000"),
         ),
         lambda folder: rows(folder / "compare"),
         lambda folder: rows(folder / "compare"),

@@ -65,7 +65,17 @@ def find(source: str | Path, **hub: Any) -> Files:
 
 def read_record(path: Path | None) -> dict[str, Any]:
     """Return how a controller was trained; empty if nobody wrote it down."""
-    return {} if path is None else json.loads(path.read_text())
+    if path is None:
+        return {}
+    try:
+        record = json.loads(path.read_text())
+    except ValueError as error:
+        raise DexFlexError(
+            f"{path} is damaged ({error}). Copy the controller again, or delete it."
+        ) from error
+    if not isinstance(record, dict):
+        raise DexFlexError(f"{path} is damaged: it holds no record. Copy the controller again, or delete it.")
+    return record
 
 
 def load_weights(module: nn.Module, path: Path) -> None:

@@ -154,7 +154,7 @@ def test_a_method_can_have_a_checkpoint_of_its_own(policies):
         replace(both, own=(("raw", policies.joint),)).check(["raw"])
 
 
-@pytest.mark.parametrize("method", ["dexgen", "dexflex"])
+@pytest.mark.parametrize("method", ["dexgen", "dexflex:include_draft=False+project=False"])
 def test_a_controller_moves_the_hand_and_belongs_to_the_version(policies, controller_folder, method):
     with_controller = replace(policies, controller=str(controller_folder))
     with_controller.check(["raw", method])
@@ -201,7 +201,7 @@ def test_a_missing_checkpoint_says_how_to_train_it(policies, tmp_path):
 
 @pytest.mark.parametrize("text", ["", "{", "[]"])
 def test_a_damaged_configuration_is_refused_by_its_name(policies, tmp_path, text):
-    (tmp_path / "model.safetensors").touch()
+    shutil.copytree(policies.draft, tmp_path, dirs_exist_ok=True)
     (tmp_path / "config.json").write_text(text)
     with pytest.raises(DexFlexError, match=r"config\.json is damaged"):
         LeRobotPolicies(policies.joint, tmp_path).check(["raw"])

@@ -7,6 +7,7 @@ import yaml
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.command import fingertips_of
+from lerobot_dexflex.interfaces import commanded_hand
 from lerobot_dexflex.recording import RecordConfig, attempt, record, staging
 from lerobot_dexflex.recording.config import identity
 
@@ -67,8 +68,9 @@ def test_frame_k_holds_the_observation_before_the_step_and_the_label(counting_ta
 
 
 def test_glove_noise_is_in_the_labels_and_on_the_card_and_no_other_recording_is_continued(
-    counting_task, tmp_path, LeRobotDataset
+    counting_task, tmp_path, monkeypatch, LeRobotDataset
 ):
+    monkeypatch.setattr(commanded_hand, "RUNAWAY", 10.0)  # Its tips count steps, in reach or not.
     root = tmp_path / "count"
     record.record(config(counting_task, root, episodes=2, glove_noise=0.004), [])
     tips = numbers(load(LeRobotDataset, root))["action"][:, 23:]

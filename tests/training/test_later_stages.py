@@ -98,7 +98,9 @@ def test_bank_holds_drafts_as_given_and_imagined_ones(banks, splits):
 def test_bank_is_drawn_once(controller, splits, tmp_path):
     path, config = tmp_path / "bank.safetensors", BankConfig(n_pure=1, n_seeded=1)
     first = ProposalBank.load_or_draw(path, controller, splits[0], config, 8, 0)
-    again = ProposalBank.load_or_draw(path, controller, splits[0], config, 8, 1)
+    drawn = path.stat().st_mtime_ns
+    again = ProposalBank.load_or_draw(path, controller, splits[0], config, 8, 0)
+    assert path.stat().st_mtime_ns == drawn
     assert all(torch.equal(first.tensors[name], again.tensors[name]) for name in first.tensors)
 
 
