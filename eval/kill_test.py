@@ -101,7 +101,14 @@ PROGRAMS = {
     "comparison": Program(
         (
             *(sys.executable, str(_ROOT / "eval/compare_interfaces.py"), "--output={output}/compare"),
-            *("--tasks=PlaceHammer-v0", "--methods=joint,raw", "--episodes=2", "--videos=0", "--seed=50000"),
+            *(
+                "--tasks=PlaceHammer-v0",
+                "--methods=raw,filter",
+                "--operator=true",
+                "--episodes=4",
+                "--videos=0",
+            ),
+            "--seed=50000",
         ),
         lambda folder: rows(folder / "compare"),
         lambda folder: rows(folder / "compare"),

@@ -1,9 +1,11 @@
 """The layout's promises: nothing shadows a dependency, plugins are found, only fit files are committed."""
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,7 @@ BINARY_SUFFIXES = {".safetensors", ".parquet", ".mp4", ".png", ".arrow"}
 MEGABYTE = 2**20
 
 
+OURS = ("lerobot_dexflex", "lerobot_policy_dexflex")
 FLOORS = (
     {"errors", "conventions", "console", "compiled", "_gl"},
     {"runs"},
@@ -170,3 +173,23 @@ def test_no_package_imports_one_above_or_beside_it():
         if here != "__init__" and floor[there] >= floor[here] and floor[here] > 0
     }
     assert wrong == {}
+
+
+def test_every_package_that_is_imported_is_declared():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    declared = {
+        re.split(r"[\[<>=~! ]", each)[0].replace("-", "_").lower() for each in project["dependencies"]
+    }
+    provided = packages_distributions()
+    missing = {}
+    for folder in ("lerobot_dexflex", "policies", "eval", "docs"):
+        for file in (ROOT / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text())):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                    names = [node.module]
+                for top in {name.partition(".")[0] for name in names} - set(sys.stdlib_module_names):
+                    distributions = {each.replace("-", "_").lower() for each in provided.get(top, [top])}
+                    if top not in OURS and not distributions & declared:
+                        missing.setdefault(top, str(file.relative_to(ROOT)))
+    assert missing == {}

@@ -1,6 +1,7 @@
 """What a controller was built for: hand, rate, meaning of a draft, and the sizes of its networks."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -117,6 +118,8 @@ class ControllerConfig:
                     f"A controller with `{name}` {value!r} cannot run here: this code serves {served!r}. "
                     "Use a controller trained for it, or the lerobot_dexflex that trained this one."
                 )
+        for item in fields(self):
+            _check_value(item.name, item.type, getattr(self, item.name))
 
     @property
     def latent_width(self) -> int:
@@ -191,3 +194,21 @@ class ControllerConfig:
     def save(self, path: Path) -> None:
         """Write `config.json`."""
         path.write_text(json.dumps(asdict(self), indent=2) + "\n")
+
+
+def _check_value(name: str, kind: Any, value: Any) -> None:
+    """Refuse what is of another type than its field, or a number that is not positive."""
+    if kind is bool or kind is str:
+        fits, valid = isinstance(value, kind), f"a {kind.__name__}"
+    elif kind is float:
+        fits = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
+        valid = "a positive number"
+    elif kind is int:
+        fits, valid = type(value) is int and value > 0, "a positive whole number"
+    else:
+        fits, valid = isinstance(value, tuple) and len(value) > 0, "a list"
+    if not fits:
+        raise DexFlexError(
+            f"`{name}` of a controller must be {valid}. Got {value!r}; its config.json was changed or "
+            "damaged: download or train the controller again."
+        )

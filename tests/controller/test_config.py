@@ -49,6 +49,24 @@ def test_damaged_configuration_is_refused(tmp_path, text):
         ControllerConfig.load(tmp_path / "config.json")
 
 
+@pytest.mark.parametrize(
+    ("change", "valid"),
+    [
+        ({"touch_scale": 0}, "a positive number"),
+        ({"touch_scale": "much"}, "a positive number"),
+        ({"tip_scale": float("nan")}, "a positive number"),
+        ({"body_width": 1.5}, "a positive whole number"),
+        ({"prior_layers": 0}, "a positive whole number"),
+        ({"use_touch": 1}, "a bool"),
+        ({"slow_levels": []}, "a list"),
+    ],
+)
+def test_a_value_of_another_kind_or_range_is_refused_by_its_name(change, valid):
+    [name] = change
+    with pytest.raises(DexFlexError, match=f"`{name}` of a controller must be {valid}. Got"):
+        ControllerConfig(**change)
+
+
 def test_widths_add_up():
     config = ControllerConfig()
     assert config.latent_width == config.body_width + config.contact_width + 4 * config.finger_width

@@ -104,7 +104,13 @@ class ChainBook:
                 row = json.loads(line)
             except ValueError:  # Torn by a kill; built again.
                 continue
-            known[row["seed"]] = None if row["chain"] is None else Chain.from_json(row["chain"])
+            try:
+                known[int(row["seed"])] = None if row["chain"] is None else Chain.from_json(row["chain"])
+            except (KeyError, TypeError, ValueError, IndexError) as error:
+                raise DexFlexError(
+                    f"{self.path} holds a line that is no chain ({type(error).__name__}: {line[:60]!r}). "
+                    "Remove that line; its chain is built again."
+                ) from error
         return known
 
 

@@ -71,3 +71,11 @@ def test_two_processes_do_not_build_into_one_folder(tmp_path):
     book.ensure(3, workers=0, quiet=True, build=build_even)
     with locked(tmp_path / "chains"):
         book.ensure(3, workers=0, quiet=True, build=build_even)  # Nothing is missing.
+
+
+@pytest.mark.parametrize("line", ['{"chain": null}', '{"seed": 7, "chain": {"goals": 3}}', "[]"])
+def test_a_line_that_is_no_chain_is_named(tmp_path, line):
+    path = tmp_path / "chains.jsonl"
+    path.write_text(line + "\n")
+    with pytest.raises(DexFlexError, match=r"chains\.jsonl holds a line that is no chain"):
+        ChainBook(path, 0).load(1)
