@@ -76,14 +76,20 @@ class Program:
 
 PROGRAMS = {
     "recording": Program(
-        (str(_BIN / "dexflex-record"), "--root={output}/set", "--task=PlaceHammer-v0", "--episodes=2"),
+        (
+            str(_BIN / "dexflex-record"),
+            "--root={output}/set",
+            "--task=PlaceHammer-v0",
+            "--episodes=2",
+            "--workers=1",
+        ),
         lambda folder: files(folder, "set.partial/*.npz"),
         lambda folder: files(folder, "set/data/**/*.parquet", "set/videos/**/*.mp4", "set/meta/stats.json"),
     ),
     "corpus": Program(
         (
             *(str(_BIN / "dexflex-corpus"), "--output={output}/corpus", "--objects_per_job=1"),
-            *("--steps_per_object=120", "--jobs.train=3", "--jobs.tune=0", "--jobs.test=0"),
+            *("--workers=1", "--steps_per_object=120", "--jobs.train=3", "--jobs.tune=0", "--jobs.test=0"),
         ),
         lambda folder: tensors(folder, "corpus/train/*.safetensors"),
         lambda folder: tensors(folder, "corpus/train/*.safetensors"),
@@ -108,7 +114,7 @@ PROGRAMS = {
                 "--episodes=4",
                 "--videos=0",
             ),
-            "--seed=50000",
+            *("--seed=50000", "--workers=1"),
         ),
         lambda folder: rows(folder / "compare"),
         lambda folder: rows(folder / "compare"),

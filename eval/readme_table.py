@@ -64,6 +64,8 @@ VIEWS = {
     "expert": View("expert"),
 }
 """What a document may show, by name."""
+BENCHMARK = "benchmark"
+"""Name of the in-hand benchmark's table."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -106,10 +108,14 @@ def filled(text: str, results: Path = RESULTS, up: str = "") -> str:
 
     def block(match: re.Match[str]) -> str:
         name = match["name"]
-        if name not in VIEWS:
-            raise DexFlexError(f"There is no view {name!r} of the results. Valid: {', '.join(VIEWS)}.")
-        source = f"{up}eval/results/tasks.csv"
-        content = markdown(replace(VIEWS[name], results=results))
+        if name not in (*VIEWS, BENCHMARK):
+            valid = ", ".join((*VIEWS, BENCHMARK))
+            raise DexFlexError(f"There is no view {name!r} of the results. Valid: {valid}.")
+        source = f"{up}eval/results/{'reach' if name == BENCHMARK else 'tasks'}.csv"
+        if name == BENCHMARK:
+            content = benchmark_markdown(results)
+        else:
+            content = markdown(replace(VIEWS[name], results=results))
         return f"<!-- results:{name} -->\n{content} Every episode: [{source}]({source}).\n<!-- /results -->"
 
     return _BLOCK.sub(block, text)
@@ -143,6 +149,20 @@ def markdown(view: View) -> str:
         text = rates_markdown(summary) if len(tasks) > 1 else detail_markdown(summary)
         parts.append(f"**{condition}**\n\n{text}" if len(conditions) > 1 else text)
     return "\n\n".join(parts)
+
+
+def benchmark_markdown(results: Path) -> str:
+    """Return progress in the in-hand benchmark by method and condition, from `reach.csv`."""
+    from lerobot_dexflex.evaluation.reach.summary import summarise
+    from lerobot_dexflex.evaluation.reach.tables import as_markdown, metric_header, metric_rows
+    from lerobot_dexflex.evaluation.summary import newest
+    from lerobot_dexflex.runs.table import read
+
+    rows = newest(read(results / "reach.csv"))
+    summary = summarise(rows)
+    count = rows.groupby(["method", "condition"]).size().min()
+    table = as_markdown(metric_header(summary), metric_rows(summary, "progress"))
+    return f"{table}\n\nn = {count} test chains per cell, bootstrap 95 % intervals."
 
 
 if __name__ == "__main__":
