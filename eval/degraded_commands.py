@@ -85,8 +85,8 @@ def main(arguments: list[str] | None = None) -> int:
 def _work(config: Config, words: list[str]) -> int:
     del words
     # Seconds of imports that --help and a mistyped option need not pay.
+    from lerobot_dexflex.evaluation.reach.benchmark import Benchmark, run
     from lerobot_dexflex.evaluation.reach.report import write_report
-    from lerobot_dexflex.evaluation.reach.runner import Benchmark, run
     from lerobot_dexflex.evaluation.reach.summary import summarise
     from lerobot_dexflex.evaluation.reach.tables import markdown
 

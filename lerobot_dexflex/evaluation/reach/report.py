@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lerobot_dexflex.evaluation.reach import plots, tables
+from lerobot_dexflex.evaluation.reach.benchmark import Benchmark
 from lerobot_dexflex.evaluation.reach.films import choose_episode, show_episode
-from lerobot_dexflex.evaluation.reach.runner import Benchmark
 from lerobot_dexflex.evaluation.reach.summary import Summary
 from lerobot_dexflex.evaluation.report.html_parts import document, picture, table, video, write_page
 from lerobot_dexflex.runs.table import Table

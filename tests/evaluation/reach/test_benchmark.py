@@ -5,20 +5,21 @@ import pytest
 from degraded_fakes import build_even, episode
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.reach import episodes, runner
+from lerobot_dexflex.evaluation.reach import benchmark as module
+from lerobot_dexflex.evaluation.reach import episodes
+from lerobot_dexflex.evaluation.reach.benchmark import Benchmark
 from lerobot_dexflex.evaluation.reach.report import PAGE, TABLES, write_report
-from lerobot_dexflex.evaluation.reach.runner import Benchmark
 from lerobot_dexflex.evaluation.reach.summary import summarise
 from lerobot_dexflex.runs.provenance import imported
 from lerobot_dexflex.runs.table import KEY, Table
 
-run = functools.partial(runner.run, workers=0, quiet=True)
+run = functools.partial(module.run, workers=0, quiet=True)
 
 
 @pytest.fixture(autouse=True)
 def fresh_caches():
-    runner._chains.cache_clear()
-    runner._interface.cache_clear()
+    module._chains.cache_clear()
+    module._interface.cache_clear()
 
 
 @pytest.fixture
@@ -123,13 +124,13 @@ def test_a_version_follows_what_runs_the_method_and_nothing_else(tmp_path):
     assert names["shrink:0.5"] == names["shrink:0.7"]
     assert len(set(names.values())) == 3
     assert ours.version("raw") != benchmark(tmp_path, batch=8).version("raw")
-    everywhere = set(imported(runner._RUN_BY))
-    assert not {"lerobot_dexflex.runs.jobs", "lerobot_dexflex.evaluation.reach.runner"} & everywhere
+    everywhere = set(imported(module._RUN_BY))
+    assert not {"lerobot_dexflex.runs.jobs", "lerobot_dexflex.evaluation.reach.benchmark"} & everywhere
 
 
 def test_other_chains_under_the_same_seeds_are_refused_before_anything_runs(tmp_path, loop):
     run(benchmark(tmp_path))
-    runner._chains.cache_clear()
+    module._chains.cache_clear()
     loop.clear()
     book = benchmark(tmp_path).book("clean").path
     book.write_text(book.read_text().replace('"friction": 1.0', '"friction": 0.9'))
