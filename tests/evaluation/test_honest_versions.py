@@ -10,6 +10,7 @@ ROOT = Path(__file__).parents[2]
 HARMLESS = (
     "lerobot_dexflex.runs",
     "lerobot_dexflex.evaluation.report",
+    "lerobot_dexflex.interfaces.entries",  # The list of all interfaces; each decides by its own module.
     "lerobot_dexflex.evaluation.comparison",
 )
 """They keep, show and name rows; none changes an episode."""
