@@ -44,11 +44,17 @@ class EventSchedule:
         self._left = 0
         self.finger: int | None = None
         self.outward = np.zeros(3)
+        """Direction in which a removed finger leaves the object."""
 
     @property
     def active(self) -> bool:
         """Whether an event is going on."""
         return self._left > 0
+
+    @property
+    def age(self) -> int:
+        """Steps of the event that is going on, this one included."""
+        return self.error.steps - self._left + 1
 
     def advance(self, loads: Array, inward: Array) -> bool:
         """Go on by a control step; returns whether an event begins with it. Arguments as `RowErrors`'."""
@@ -68,7 +74,7 @@ class EventSchedule:
             self.finger = int(self._rng.integers(4))
         elif self.error.family == "removal":
             self.finger = int(np.argmax(loads))
-            self.outward = -self.error.strength * inward[self.finger]
+            self.outward = -inward[self.finger]
             return bool(loads[self.finger] > MIN_LOAD)
         return True
 
@@ -95,13 +101,11 @@ class RowErrors:
         """Begin another episode; the generators go on."""
         self.bias = np.zeros((4, 3))
         self.schedules: list[EventSchedule] = []
-        self.drawn: dict[str, list[Array]] = {}
+        self.drawn: list[Array] = []
         self._step, self._events = -1, list[ErrorEvent]()
         self._past: deque[Tensor] = deque(maxlen=self.lag + 1)
         for error, rng in zip(self._errors, self._generators, strict=True):
-            if error.family == "jitter":
-                continue
-            # Drawn for every other family, needed or not: so a seed goes on meaning the same episode.
+            # Drawn for every family, needed or not: so a seed goes on meaning the same episode.
             bias, until = rng.uniform(-1, 1, (4, 3)) * error.strength, int(rng.integers(*ONSET.first))
             if error.family == "bias":
                 self.bias = bias
@@ -128,30 +132,24 @@ class RowErrors:
                 self._events.append(event)
 
     def delayed(self, now: Tensor) -> Tensor:
-        """Return what was given `lag` steps ago, or the first thing of the episode."""
+        """Return what was commanded `lag` steps ago, or the first command of the episode."""
         self._past.append(now)
         return self._past[0]
 
-    def offsets(self, ahead: int, absolute: bool) -> Array:
-        """Return the errors of displacements of this step and the next ones [m]. Shape (ahead, 4, 3).
+    def offsets(self, ahead: int) -> Array:
+        """Return the errors of the positions of this step and the next ones [m]. Shape (ahead, 4, 3).
 
         They belong to control steps: one that is planned twice has the same error in both plans.
 
         Args:
             ahead: Number of steps.
-            absolute: Whether the first displacement leads from where the hand is to where it should be. If
-                not, it starts at a position that was off as well.
         """
         total = np.tile(self.bias, (ahead, 1, 1))
         for error, rng in zip(self._errors, self._generators, strict=True):
-            if error.family not in ("noise", "jitter"):
+            if error.family != "noise":
                 continue
-            drawn, step, width = self.drawn.setdefault(error.family, []), self._step, error.strength
+            drawn, step, width = self.drawn, self._step, error.strength
             while len(drawn) < step + ahead:
                 drawn.append(rng.uniform(-width, width, (4, 3)))
-            found = np.stack(drawn[step : step + ahead])
-            if error.family == "jitter":
-                before = np.zeros((4, 3)) if absolute or step == 0 else drawn[step - 1]
-                found = np.diff(found, axis=0, prepend=before[None])
-            total = total + found
+            total = total + np.stack(drawn[step : step + ahead])
         return total

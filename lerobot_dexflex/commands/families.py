@@ -53,10 +53,9 @@ class Family(NamedTuple):
 _WIDTH = "half width of a uniform distribution on every fingertip coordinate [m]"
 FAMILIES: dict[str, Family] = {
     "delay": Family("comes late", "by so many steps", whole=True, salt=(11,)),
-    "scale": Family("is too large or too small", "factor of every displacement", salt=(12,)),
-    "bias": Family("is off by a constant displacement", f"{_WIDTH}, drawn once", "mm", 1e-3, salt=(13,)),
-    "noise": Family("has errors of displacements: they add up", _WIDTH, "mm", 1e-3, salt=(14,)),
-    "jitter": Family("has errors of positions: they do not add up", _WIDTH, "mm", 1e-3),
+    "scale": Family("is too large or too small", "factor of every motion", salt=(12,)),
+    "bias": Family("is off by a constant", f"{_WIDTH}, drawn once", "mm", 1e-3, salt=(13,)),
+    "noise": Family("is off by something else in every step", _WIDTH, "mm", 1e-3),
     "freeze": Family(
         "stands still now and then", "for so many steps", onset=ONSET, whole=True, least=1, salt=(15,)
     ),
@@ -168,12 +167,12 @@ class CommandErrors:
 
     @classmethod
     def of(cls, **strengths: float) -> Self:
-        """Return errors by their families' strengths: `CommandErrors.of(jitter=0.004)`."""
+        """Return errors by their families' strengths: `CommandErrors.of(noise=0.004)`."""
         return cls(tuple(CommandError(family, strength) for family, strength in strengths.items()))
 
     @classmethod
     def parse(cls, name: str) -> Self:
-        """Return the errors with this name: `clean`, `noise_2mm`, `jitter_4mm+removal_2mm`, ...
+        """Return the errors with this name: `clean`, `noise_2mm`, `noise_4mm+removal_2mm`, ...
 
         Raises:
             DexFlexError: If a part of it is no command error.

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 
 from lerobot_dexflex.commands.disturbed import DisturbedInterface
 from lerobot_dexflex.commands.draws import ErrorEvent
 from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.stream import Seed
-from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
+from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS, STATE
 from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.hand.kernels import fingertips
 from lerobot_dexflex.hand.model import ARM_JOINTS
 from lerobot_dexflex.interfaces.protocol import Interface
 
@@ -22,24 +22,20 @@ _ARM = len(ARM_JOINTS)
 class GlovedHand:
     """A hand that follows an expert's fingertips through a glove and an interface.
 
-    The glove says where the fingertips should be and knows no future: a draft is the displacement that
-    leads the command there, held over its horizon, as in `eval/degraded_commands.py`. What the interface
-    makes of it is executed and recorded, so a dataset's labels are what moved the hand.
+    The glove says where the fingertips should be and knows no future: a draft leads from where they are
+    measured to there, in every step of its horizon. Task experts command into the object: they press. What
+    the interface makes of it is executed and recorded, so a dataset's labels are what moved the hand.
 
     Args:
         interface: Executes drafts.
         errors: Of the glove.
         seed: Of the errors.
-        hand_joints: Joint command at the start [rad]. Shape (16,).
     """
 
-    def __init__(
-        self, interface: Interface, errors: CommandErrors, seed: Seed, hand_joints: ArrayLike
-    ) -> None:
+    def __init__(self, interface: Interface, errors: CommandErrors, seed: Seed) -> None:
         self._interface = DisturbedInterface(interface, errors, held=True)
         self._interface.reset()
         self._interface.begin([seed])
-        self._initial = torch.as_tensor(np.asarray(hand_joints, float))[None]
 
     @property
     def events(self) -> list[ErrorEvent]:
@@ -57,13 +53,9 @@ class GlovedHand:
             key: torch.as_tensor(np.asarray(observation[name], float))[None]
             for name, key in LEROBOT_KEYS.items()
         }
-        start = self._interface.start(state, self._initial)
-        wanted = torch.as_tensor(command.fingertips, dtype=start.dtype, device=start.device)
-        draft = (wanted - start).unsqueeze(1).expand(-1, DRAFT_HORIZON, -1, -1)
+        wanted = torch.as_tensor(command.fingertips, dtype=torch.float64)
+        here = torch.from_numpy(fingertips(state[STATE][0, -16:].numpy()))
+        draft = (wanted - here)[None, None].expand(-1, DRAFT_HORIZON, -1, -1)
         hand = self._interface.step(state, draft)[0].cpu().numpy()
-        tips = self._interface.command
-        assert tips is not None
         joints = np.concatenate([command.joint_targets[:_ARM], hand])
-        return Command(
-            joints, tips[0].cpu().numpy().copy(), joints + command.executed - command.joint_targets
-        )
+        return Command(joints, fingertips(hand), joints + command.executed - command.joint_targets)

@@ -1,14 +1,14 @@
-"""The closed loop: operator, spoilt command, interface, hand; batched over chains of goals.
+"""The closed loop: operator, spoilt draft, interface, hand; batched over chains of goals.
 
 Each slot of a batch runs one chain; when it ends the next chain takes its place, so learned interfaces
-always see full batches. At every step the operator looks at the state that was actually reached, its clean
-displacement is spoilt, and the draft is the spoilt displacement held over the horizon: an operator
-with a glove knows no future. What a method changes, the operator notices.
+always see full batches. At every step the operator looks at the state that was actually reached and says where
+the fingertips should be over the next steps; errors spoil that draft, the method executes its first step, and
+what the method changes, the operator notices.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from lerobot_dexflex.commands.stream import ErrorStream, Seed, seeds_of
 from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.experts.reach.chains import MAX_STEPS, STEADY_STEPS, TOLERANCE, Chain, HeldObject
+from lerobot_dexflex.experts.reach.operator import Guidance
 from lerobot_dexflex.experts.reach.sensing import HandState
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
@@ -27,13 +28,16 @@ from lerobot_dexflex.hand.poses import pose_error
 from lerobot_dexflex.interfaces.protocol import Interface
 
 Array = NDArray[np.float64]
+Source = Literal["motion", "pressing"]
+"""What a draft says. `motion`: where the fingertips should be. `pressing`: it commands into the object, by 0.5
+to 2 times (drawn per episode) what a position servo needs for the operator's grip."""
 
 GOAL_STEPS = 60
 """After so many steps the next goal is set, with partial credit for this one."""
-SNAPSHOT_EVERY = 8
-"""Control steps between two snapshots of a recorded episode."""
 DROP_DISTANCE, DROP_STEPS = 0.08, 8
 """An object is dropped this far from the start [m] or after so many steps with fewer than two loaded tips."""
+PRESSING = (0.5, 2.0)
+"""Range of a pressing source's squeeze."""
 _FLOOR = 0.5
 """Error, in tolerances summed, that counts as arrived in the partial credit."""
 
@@ -49,7 +53,7 @@ class Privileged(Protocol):
 
 @dataclass
 class Episode:
-    """What happened in one chain. T = steps run; tips in the palm frame."""
+    """What happened in one chain. T = steps run; motions from where tips are measured, in the palm frame."""
 
     chain: Chain
     errors: CommandErrors
@@ -57,12 +61,16 @@ class Episode:
     goals_reached: int = 0
     progress: float = 0.0
     """Goals reached plus partial credit of the others, over all goals."""
+    progress_at: Array = field(default_factory=lambda: np.zeros(0))
+    """The same after each step, as if the episode had ended there. Shape (T,)."""
+    goal_steps: list[int] = field(default_factory=list)
+    """Steps that each reached goal took."""
     label: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    """Clean command u* at the state reached [m]. Shape (T, 4, 3)."""
+    """First step of the clean draft, without any squeeze [m]. Shape (T, 4, 3)."""
     draft: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    """Spoilt command [m]. Shape (T, 4, 3)."""
-    executed: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    """Executed displacement of the commanded tips [m]. Shape (T, 4, 3)."""
+    """First step of the spoilt draft [m]. Shape (T, 4, 3)."""
+    selected: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
+    """Motion that the interface asked of the hand, beside its grip [m]. Shape (T, 4, 3)."""
     loads: Array = field(default_factory=lambda: np.zeros((0, 4)))
     """Normal force of each tip before the step [N]. Shape (T, 4)."""
     in_event: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
@@ -73,8 +81,6 @@ class Episode:
     """Distance [m] and angle [rad] to the goal after the step. Shape (T, 2)."""
     explanations: list[Any] = field(default_factory=list)
     """The interface's explanation of each step, where it gives one."""
-    rows: dict[str, NDArray] = field(default_factory=dict)
-    """Observations and commands of every step, if they were recorded; keys as in the corpus schema."""
 
     @property
     def steps(self) -> int:
@@ -85,11 +91,15 @@ class Episode:
 class Slot:
     """One running chain."""
 
-    def __init__(self, env: ReachEnv, chain: Chain, errors: CommandErrors) -> None:
+    def __init__(
+        self, env: ReachEnv, chain: Chain, errors: CommandErrors, squeeze: float | None = None
+    ) -> None:
         self.held = HeldObject(env, chain.seed, chain.episode)
         self.episode = Episode(chain, errors)
         self.state: HandState = self.held.senses.read()
         self.observation = self.held.observation
+        self.guidance: Guidance | None = None
+        self._squeeze = squeeze
         self._home = self.held.home
         self._goal = -1
         self._series: dict[str, list[Any]] = {}
@@ -101,42 +111,31 @@ class Slot:
         """Control steps run so far."""
         return len(self._series.get("label", ()))
 
-    def ask(self, tips: Array) -> Array:
-        """Return the operator's clean displacement [m] (4, 3).
-
-        Args:
-            tips: Commanded fingertips before the step [m]. Shape (4, 3).
-        """
-        self._tips = tips
-        self.label = self.held.operator.displacement(tips, self.state)
-        return self.label
+    def ask(self) -> Array:
+        """Return the operator's clean draft [m] (8, 4, 3)."""
+        guidance = self.guidance = self.held.operator.guide(self.state)
+        tips = self.state.tips
+        motion = guidance.tips - tips
+        self._keep(label=motion[0])
+        if self._squeeze is None:
+            return motion
+        pressed = kernels.fingertips(guidance.joints) - guidance.tips[0]
+        return motion + self._squeeze * pressed
 
     def spoil(self, draft: Array, in_event: bool) -> None:
-        """Note what is left of the displacement [m] (4, 3), and whether an event is going on."""
-        self._keep(label=self.label, draft=draft, loads=self.state.loads, in_event=in_event)
+        """Note what is left of the draft's first step [m] (4, 3), and whether an event is going on."""
+        self._keep(draft=draft, loads=self.state.loads, in_event=in_event)
 
-    def advance(self, joints: Array, tips: Array, explanation: Any, record: bool) -> bool:
-        """Execute joints [rad] (16,) that put the commanded tips at `tips` [m] (4, 3); say if it goes on."""
-        before, env = self.observation, self.held.env
-        if record:
-            previous = self.held.joints
-            self._keep(
-                joints=before["agent_pos"],
-                fingertips=before["fingertips"],
-                gravity=before["gravity"],
-                tactile=before["tactile"],
-                command=self._tips,
-                joint_targets=joints,
-                label_joints=kernels.solve_fingertips(self._tips + self.label, previous),
-                snapshot_physics=env.physics_state() if (self.steps - 1) % SNAPSHOT_EVERY == 0 else None,
-            )
-        self.held.joints, self.held.command = joints, tips
-        env.advance(joints)
-        self.observation, self.state = env.observe(), self.held.senses.read()
-        self._keep(executed=tips - self._tips)
+    def advance(self, joints: Array, selected: Array, explanation: Any) -> bool:
+        """Execute joints [rad] (16,), which move the tips by `selected` [m] (4, 3); say if it goes on."""
+        self.state = self.held.execute(joints)
+        self.observation = self.held.env.observe()
+        self._keep(selected=selected)
         if explanation is not None:
             self.episode.explanations.append(explanation)
-        return self._judge()
+        goes_on = self._judge()
+        self._keep(progress_at=self._progress())
+        return goes_on
 
     def _keep(self, **values: Any) -> None:
         for key, value in values.items():
@@ -150,7 +149,7 @@ class Slot:
         lost = (state.loads > CONTACT_FORCE).sum() < 2
         self._loose = self._loose + 1 if lost else 0
         far = np.linalg.norm(state.position - self._home) > DROP_DISTANCE
-        self._keep(goal_error=(distance, angle), lost=bool(lost or far))
+        self._keep(goal_error=(distance, angle))
         self._goal_steps += 1
         if far or self._loose >= DROP_STEPS:
             episode.dropped = True
@@ -158,6 +157,8 @@ class Slot:
         reached = self._steady >= STEADY_STEPS
         if reached or self._goal_steps >= GOAL_STEPS:
             episode.goals_reached += reached
+            if reached:
+                episode.goal_steps.append(self._goal_steps)
             episode.progress += 1.0 if reached else self._partial()
             return self._next_goal()
         return True
@@ -166,18 +167,15 @@ class Slot:
         """Return the episode with its series as arrays, and with the events of its errors."""
         episode, series = self.episode, self._series
         episode.events = list(events)
-        if self._goal < len(episode.chain.goals):
-            episode.progress += self._partial()
-        episode.progress /= len(episode.chain.goals)
-        for key in ("label", "draft", "executed", "loads", "in_event", "goal_error"):
+        episode.progress = self._progress()
+        for key in ("label", "draft", "selected", "loads", "in_event", "goal_error", "progress_at"):
             setattr(episode, key, np.array(series.pop(key)))
-        snapshots = series.pop("snapshot_physics", [])
-        episode.rows = {key: np.array(values) for key, values in series.items()}
-        kept = [k for k, physics in enumerate(snapshots) if physics is not None]
-        if kept:
-            episode.rows["snapshot_step"] = np.array(kept)
-            episode.rows["snapshot_physics"] = np.stack([snapshots[k] for k in kept])
         return episode
+
+    def _progress(self) -> float:
+        """Return the progress so far, with partial credit for the goal in hand."""
+        goals = len(self.episode.chain.goals)
+        return (self.episode.progress + (self._partial() if self._goal < goals else 0.0)) / goals
 
     def _next_goal(self) -> bool:
         self._goal += 1
@@ -185,7 +183,7 @@ class Slot:
         if self._goal >= len(goals):
             return False
         goal = goals[self._goal]
-        self._pose = np.array(goal.position), np.array(goal.quaternion)
+        self._pose = goal.pose
         self.held.set_goal(self._goal, goal)
         self._first = self._least = self._measure(
             *pose_error(self.state.position, self.state.quaternion, *self._pose)
@@ -206,11 +204,10 @@ def run_chains(
     errors: CommandErrors | Sequence[CommandErrors],
     interface: Interface,
     *,
+    source: Source = "motion",
     seed: int = 0,
     batch: int = 16,
     max_steps: int = MAX_STEPS,
-    record: bool = False,
-    teacher: Callable[[np.random.Generator], Iterator[bool]] | None = None,
     watch: Callable[[int, Slot], None] | None = None,
 ) -> list[Episode]:
     """Run one episode per chain and return them in the order of the chains.
@@ -220,14 +217,12 @@ def run_chains(
 
     Args:
         chains: Starts and goals.
-        errors: What goes wrong with the commands, for all or for each chain.
+        errors: What goes wrong with the drafts, for all or for each chain.
         interface: The method under test.
+        source: What a draft says.
         seed: Further seed of the errors.
         batch: Number of hands that are simulated side by side.
         max_steps: Time limit in control steps.
-        record: Whether to keep observations and commands in `Episode.rows`.
-        teacher: Begins, for each episode, a stream that says at which steps the clean command is executed
-            instead of the draft. Only for interfaces that execute drafts as they are.
         watch: Called with the chain's index and its slot after each step, to film or log it.
     """
     spoilt = [errors] * len(chains) if isinstance(errors, CommandErrors) else list(errors)
@@ -237,41 +232,33 @@ def run_chains(
     finished: dict[int, Episode] = {}
     slots: list[Slot | None] = [None] * batch
     stream = ErrorStream(batch)
-    numbers, teachers = [-1] * batch, [_never()] * batch
+    numbers = [-1] * batch
     observations: list[dict[str, NDArray]] = [{}] * batch
-    initial = np.zeros((batch, 16))
     interface.reset()
     while True:
         fresh = np.zeros(batch, bool)
         for k in range(batch):
             if slots[k] is None and (n := next(waiting, None)) is not None:
-                slot = slots[k] = Slot(environments[k], chains[n], spoilt[n])
-                stream.begin(k, spoilt[n], _seeds(spoilt[n], chains[n].seed, seed))
-                numbers[k], fresh[k], initial[k] = n, True, slot.held.joints
+                chain = chains[n]
+                slot = slots[k] = Slot(environments[k], chain, spoilt[n], _squeeze(source, chain.seed, seed))
+                stream.begin(k, spoilt[n], _seeds(spoilt[n], chain.seed, seed))
+                numbers[k], fresh[k] = n, True
                 observations[k] = slot.observation
-                if teacher:
-                    teachers[k] = teacher(np.random.default_rng((chains[n].seed, seed, 11)))
         running = [(k, slot) for k, slot in enumerate(slots) if slot is not None]
         if not running:
             return [finished[n] for n in range(len(chains))]
         if fresh.any():
             interface.reset(torch.from_numpy(fresh))
-        stacked = stack_observations(observations)
-        tips = interface.start(stacked, torch.from_numpy(initial)).numpy().copy()
-        drafts = _drafts(running, stream, tips)
-        for k, slot in running:
-            if next(teachers[k]):
-                drafts[k] = slot.label
+        draft = torch.from_numpy(_drafts(running, stream, batch))
         if isinstance(interface, Privileged):
             interface.see(slots)
-        draft = torch.from_numpy(drafts)[:, None].expand(-1, DRAFT_HORIZON, -1, -1)
-        joints = interface.step(stacked, draft).numpy()
-        command = interface.command
-        assert command is not None
+        joints = interface.step(stack_observations(observations), draft).numpy()
+        assert interface.motion is not None
+        selected = interface.motion.numpy()
         explanations = getattr(interface, "explanation", None)
         for k, slot in running:
             explanation = None if explanations is None else explanations.row(k)
-            goes_on = slot.advance(joints[k], command[k].numpy(), explanation, record)
+            goes_on = slot.advance(joints[k], selected[k], explanation)
             observations[k] = slot.observation
             if watch:
                 watch(numbers[k], slot)
@@ -280,18 +267,27 @@ def run_chains(
                 slots[k] = None
 
 
-def _drafts(running: Sequence[tuple[int, Slot]], stream: ErrorStream, tips: Array) -> Array:
-    """Ask every operator and spoil the answers [m] (batch, 4, 3); ended rows stand still."""
-    clean, loads, inward = np.zeros_like(tips), np.zeros(tips.shape[:2]), np.zeros_like(tips)
+def _drafts(running: Sequence[tuple[int, Slot]], stream: ErrorStream, batch: int) -> Array:
+    """Ask every operator and spoil the answers [m] (batch, 8, 4, 3); ended rows stand still."""
+    clean, tips = np.zeros((batch, DRAFT_HORIZON, 4, 3)), np.zeros((batch, 4, 3))
+    loads, inward = np.zeros((batch, 4)), np.zeros((batch, 4, 3))
     for k, slot in running:
-        clean[k], loads[k], inward[k] = slot.ask(tips[k]), slot.state.loads, slot.state.inward
-    motion = stream.delayed(torch.from_numpy(clean))[:, None]
-    spoilt = stream.step(motion, torch.from_numpy(loads), torch.from_numpy(inward))[:, 0].numpy()
-    drafts, in_event = np.zeros_like(tips), stream.in_event
+        clean[k], tips[k] = slot.ask(), slot.state.tips
+        loads[k], inward[k] = slot.state.loads, slot.state.inward
+    targets = stream.delayed(torch.from_numpy(tips[:, None] + clean))
+    felt = torch.from_numpy(tips)
+    spoilt = stream.step(targets - felt[:, None], felt, torch.from_numpy(loads), torch.from_numpy(inward))
+    found, in_event = spoilt.numpy().copy(), stream.in_event
     for k, slot in running:
-        drafts[k] = spoilt[k]
-        slot.spoil(spoilt[k].copy(), bool(in_event[k]))
-    return drafts
+        slot.spoil(found[k, 0].copy(), bool(in_event[k]))
+    return found
+
+
+def _squeeze(source: Source, chain: int, seed: int) -> float | None:
+    """Return by how much an episode's source presses; None for one of motion."""
+    if source == "motion":
+        return None
+    return float(np.random.default_rng((chain, seed, 23)).uniform(*PRESSING))
 
 
 def _seeds(errors: CommandErrors, chain: int, seed: int) -> list[Seed]:
@@ -306,8 +302,3 @@ def stack_observations(observations: Sequence[Mapping[str, NDArray]]) -> dict[st
         name: torch.from_numpy(np.stack([one[key] for one in observations]))
         for key, name in LEROBOT_KEYS.items()
     }
-
-
-def _never() -> Iterator[bool]:
-    while True:
-        yield False

@@ -18,12 +18,17 @@ Seed = int | tuple[int, ...]
 class ErrorStream:
     """Spoils the commands of every hand of a batch by its own errors and its own random numbers.
 
+    Errors are those of positions: whoever commands says where fingertips should be, and a delayed command
+    leads to where they should have been some steps ago, wherever the hand is by now.
+
     Args:
         rows: Number of hands; nothing goes wrong in a row before its `begin`.
     """
 
     def __init__(self, rows: int) -> None:
         self._rows = [RowErrors(NO_ERRORS) for _ in range(rows)]
+        self._kept: Tensor | None = None
+        self._left: Tensor | None = None
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -64,62 +69,62 @@ class ErrorStream:
                     struck[k, slice(None) if schedule.finger is None else schedule.finger] = True
         return struck
 
-    @property
-    def late(self) -> bool:
-        """Whether a row's commands come late."""
-        return any(row.lag for row in self._rows)
-
-    def delayed(self, now: Tensor) -> Tensor:
-        """Return each row of a tensor as it was when the command that arrives now was given.
+    def delayed(self, command: Tensor) -> Tensor:
+        """Return each row's command as it was when the one that arrives now was given.
 
         Call it once per step, before `step`.
-        """
-        if not self.late:
-            return now
-        return torch.stack([row.delayed(value) for row, value in zip(self._rows, now, strict=True)])
-
-    def step(
-        self,
-        motion: Tensor,
-        loads: Tensor,
-        inward: Tensor,
-        *,
-        absolute: bool = False,
-        held: bool = False,
-    ) -> Tensor:
-        """Return the displacements with the errors of this control step, delays apart. Shape as `motion`.
 
         Args:
-            motion: Displacements of the commanded fingertips from this step on [m]. Shape (batch, H, 4, 3).
+            command: Positions of fingertips [m], or joint targets [rad]. Shape (batch, ...).
+        """
+        if not any(row.lag for row in self._rows):
+            return command
+        return torch.stack([row.delayed(value) for row, value in zip(self._rows, command, strict=True)])
+
+    def step(
+        self, draft: Tensor, tips: Tensor, loads: Tensor, inward: Tensor, *, held: bool = False
+    ) -> Tensor:
+        """Return the draft with the errors of this control step, delays apart. Shape as `draft`.
+
+        Args:
+            draft: Where the fingertips should be after 1, 2, ... steps, relative to `tips` [m]. Shape
+                (batch, H, 4, 3).
+            tips: Measured fingertips [m]. Shape (batch, 4, 3).
             loads: Normal force of each fingertip [N]. Shape (batch, 4).
             inward: Contact normals into the object. Shape (batch, 4, 3).
-            absolute: Whether the first displacement leads from where the hand is to a position of its own.
             held: Whether the later steps repeat the first, as a glove's do that knows no future: then its
                 error is theirs too.
         """
         felt, normals = _array(loads), _array(inward)
         for k, row in enumerate(self._rows):
             row.advance(felt[k], normals[k])
-        ahead = 1 if held else motion.shape[1]
-        offsets = np.stack([row.offsets(ahead, absolute) for row in self._rows])
+        ahead = 1 if held else draft.shape[1]
         factors = np.array([row.factor for row in self._rows]).reshape(-1, 1, 1, 1)
-        moved = effects.scaled(motion, _like(factors, motion))
-        moved = effects.shaken(moved, _like(offsets, motion))
-        moved = effects.stopped(moved, self.where(motion, "freeze", "dropout"))
-        return effects.leaving(moved, self.where(motion, "removal"), self.outward(motion))
+        draft = effects.scaled(draft, _like(factors, draft))
+        draft = effects.shaken(draft, _like(np.stack([row.offsets(ahead) for row in self._rows]), draft))
+        return self._removed(self._stopped(draft, tips), tips)
 
-    def where(self, like: Tensor, *families: str) -> Tensor:
-        """Return `fingers` on a tensor's device. Shape (batch, 1, 4, 1)."""
-        return torch.as_tensor(self.fingers(*families), device=like.device)[:, None, :, None]
+    def _stopped(self, draft: Tensor, tips: Tensor) -> Tensor:
+        """Return the draft of which frozen fingers stay where the last command before that wanted them."""
+        struck = torch.as_tensor(self.fingers("freeze", "dropout"), device=draft.device)[..., None]
+        wanted = tips + draft[:, 0]
+        kept = tips if self._kept is None else self._kept
+        self._kept = torch.where(struck, kept, wanted)
+        return effects.replaced(draft, struck[:, None], (self._kept - tips)[:, None])
 
-    def outward(self, like: Tensor) -> Tensor:
-        """Return the displacement of removed fingers [m] on a tensor's device. Shape (batch, 1, 4, 3)."""
-        found = np.zeros((len(self), 1, 4, 3))
+    def _removed(self, draft: Tensor, tips: Tensor) -> Tensor:
+        """Return the draft of which removed fingers leave from where they were felt, and go on outward."""
+        struck = torch.as_tensor(self.fingers("removal"), device=draft.device)[..., None]
+        self._left = tips if self._left is None else torch.where(struck, self._left, tips)
+        way = np.zeros((len(self), draft.shape[1], 4, 3))
         for k, row in enumerate(self._rows):
             for schedule in row.schedules:
                 if schedule.active and schedule.error.family == "removal":
-                    found[k, 0, schedule.finger] = schedule.outward
-        return _like(found, like)
+                    steps = schedule.age + np.arange(draft.shape[1])
+                    way[k, :, schedule.finger] = schedule.error.strength * steps[:, None] * schedule.outward
+        return effects.replaced(
+            draft, struck[:, None], (self._left - tips)[:, None] + _like(way, draft)
+        )
 
 
 def seeds_of(errors: CommandErrors, seed: Seed) -> list[Seed]:

@@ -169,25 +169,29 @@ def pads(joints: Array) -> tuple[Array, Array]:
 
 @compiled
 def contact_torques(joints: Array, points: Array, forces: Array) -> Array:
-    """Return the joint torques [N m], shape (16,), with which the fingertips exert forces.
+    """Return the joint torques [N m], shape (..., 16), with which the fingertips exert forces.
 
     Args:
-        joints: Joint positions [rad]. Shape (16,).
-        points: Contact points on the four distal links, palm frame [m]. Shape (4, 3).
-        forces: Forces of the fingers on what they touch, palm frame [N]. Shape (4, 3).
+        joints: Joint positions [rad]. Shape (..., 16).
+        points: Contact points on the four distal links, palm frame [m]. Shape (..., 4, 3).
+        forces: Forces of the fingers on what they touch, palm frame [N]. Shape (..., 4, 3).
     """
-    torques, arms, motions = np.empty(16), np.empty((4, 3)), np.empty((4, 3))
+    hands, places, wanted = joints.reshape(-1, 16), points.reshape(-1, 4, 3), forces.reshape(-1, 4, 3)
+    if not len(hands) == len(places) == len(wanted):
+        raise ValueError("`joints`, `points` and `forces` must have as many rows.")
+    torques, arms, motions = np.empty((len(hands), 16)), np.empty((4, 3)), np.empty((4, 3))
     origins, axes, rotation = np.empty((4, 3)), np.empty((4, 3)), np.empty((3, 3))
-    for f in range(4):
-        _follow(f, joints[4 * f : 4 * f + 4], origins, axes, rotation)
-        for k in range(4):
-            for i in range(3):
-                arms[k, i] = points[f, i] - origins[k, i]
-        _turning(axes, arms, motions)
-        for k in range(4):
-            m, force = motions[k], forces[f]
-            torques[4 * f + k] = m[0] * force[0] + m[1] * force[1] + m[2] * force[2]
-    return torques
+    for row in range(len(hands)):
+        for f in range(4):
+            _follow(f, hands[row, 4 * f : 4 * f + 4], origins, axes, rotation)
+            for k in range(4):
+                for i in range(3):
+                    arms[k, i] = places[row, f, i] - origins[k, i]
+            _turning(axes, arms, motions)
+            for k in range(4):
+                m, force = motions[k], wanted[row, f]
+                torques[row, 4 * f + k] = m[0] * force[0] + m[1] * force[1] + m[2] * force[2]
+    return torques.reshape(joints.shape)
 
 
 @compiled

@@ -76,6 +76,18 @@ def solve_fingertips(
     return torch.from_numpy(solved).to(previous)
 
 
+def contact_torques(hand_joints: Tensor, points: Tensor, forces: Tensor) -> Tensor:
+    """Return the joint torques [N m], shape (batch, 16), with which the fingertips exert forces.
+
+    Args:
+        hand_joints: Joint positions [rad]. Shape (batch, 16).
+        points: Contact points on the distal links, palm frame [m]. Shape (batch, 4, 3).
+        forces: Forces of the fingers on what they touch, palm frame [N]. Shape (batch, 4, 3).
+    """
+    arrays = as_array(hand_joints, (-1, 16)), as_array(points, (-1, 4, 3)), as_array(forces, (-1, 4, 3))
+    return torch.from_numpy(kernels.contact_torques(*arrays)).to(hand_joints)
+
+
 def as_array(tensor: Tensor, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return a tensor as the kernels want it: float64 and C-contiguous, reshaped."""
     return tensor.detach().to("cpu", torch.float64).reshape(shape).contiguous().numpy()

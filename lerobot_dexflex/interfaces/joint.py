@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from torch import Tensor
 
+from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS, CommandedInterface, check_draft
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
@@ -16,6 +17,9 @@ class JointInterface(CommandedInterface):
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         """Return the draft's first joint targets [rad], shape (batch, 16); see `Interface.step`."""
-        rows = len(self.start(observation))
+        measured = self._hand.look(observation)
+        rows = len(measured.joints)
         targets = check_draft(draft, (N_JOINTS,), rows, "absolute hand joint targets [rad]")[:, 0]
-        return self._hand.execute(targets)[0].to(draft.dtype)
+        joints = self._hand.execute(targets)
+        self._motion = fingertips(joints) - measured.tips
+        return joints.to(draft.dtype)

@@ -11,7 +11,6 @@ from lerobot_dexflex.interfaces.options import written
 from lerobot_dexflex.interfaces.protocol import CommandSpace, Interface
 from lerobot_dexflex.interfaces.registry import INTERFACES, InterfaceEntry
 
-_GAIN_MODULE = "lerobot_dexflex.interfaces.gain"
 
 Options = tuple[tuple[str, Any], ...]
 
@@ -21,8 +20,8 @@ class Method:
     """An interface as it is named everywhere: `base[-ablation][:options][@gain]`.
 
     Options are `key=value` words joined by `+`; an interface's main option needs no key, several values are
-    joined by `/`. A gain executes that share of what the interface would (`GainInterface`). Examples: `raw`,
-    `shrink:0.7`, `dexflex-notouch@0.7`, `dexflex:temperature=0.2+seeds=draft/mean`, `oracle:clean+moving=2`.
+    joined by `/`. A gain scales the motion that the interface asks of the hand, not its grip. Examples: `raw`,
+    `press:2.5+blocked=True`, `dexflex-notouch@0.7`, `dexflex:nfe=2+levels=0.5/0.75`, `oracle:clean+moving=2`.
     """
 
     base: str
@@ -84,7 +83,7 @@ class Method:
     @property
     def modules(self) -> tuple[str, ...]:
         """Full names of the modules that are imported to make it, beside what they import themselves."""
-        return (self.entry.module, *((_GAIN_MODULE,) if self.gain != 1.0 else ()))
+        return (self.entry.module,)
 
     def weights(self, controller: str | Path | None = None) -> tuple[Path, ...]:
         """Return the files of a controller's folder that decide what it does; none if it is not learned.
@@ -116,7 +115,7 @@ class Method:
             arguments["ablation"] = self.ablation
         interface = getattr(importlib.import_module(self.entry.module), self.entry.maker)(**arguments)
         if self.gain != 1.0:
-            interface = importlib.import_module(_GAIN_MODULE).GainInterface(interface, self.gain)
+            interface.gain = self.gain
         interface.name = self.name
         return interface
 
@@ -166,7 +165,7 @@ def _options(base: str, entry: InterfaceEntry, text: str, name: str) -> Options:
 def _gain(base: str, entry: InterfaceEntry, text: str, name: str) -> float:
     if entry.command_space != "draft":
         raise DexFlexError(
-            f"Only displacements can be scaled; {base!r} executes joint targets. Got {name!r}."
+            f"Only drafts can be scaled; {base!r} executes joint targets. Got {name!r}."
         )
     try:
         gain = float(text)

@@ -6,44 +6,32 @@ from typing import Literal, Protocol
 from torch import Tensor
 
 CommandSpace = Literal["joint", "draft"]
-"""`joint`: drafts are absolute joint targets. `draft`: they are displacements of the commanded fingertips."""
+"""`joint`: drafts are absolute joint targets. `draft`: they say where the fingertips should be."""
 
 
 class Interface(Protocol):
     """Turn a policy's draft into hand joint targets, once per control step, for a batch of hands.
 
     Observations are in raw units: `observation.state` (batch, 23) or (batch, 16) [rad], of which the last
-    16 are the hand's, `observation.tactile` (batch, 240) [N], `observation.fingertips` (batch, 12) [m] and
-    `observation.gravity` (batch, 3). An interface reads only the keys it needs.
+    16 are the hand's, `observation.tactile` (batch, 240) [N] and `observation.gravity` (batch, 3). An
+    interface reads only the keys it needs; where the fingertips are follows from the joints.
 
-    After a reset the previous joint command is the measured hand unless `start` is given another, and the
-    commanded fingertips are where those joints put them.
+    A draft says for each of the next control steps where every fingertip should be, relative to where it is
+    measured now (design section 2; paper section 3.1). It holds no force: how hard to press is the
+    interface's business. Nothing has to be told to an interface before the first step.
     """
 
     name: str
     command_space: CommandSpace
 
     @property
-    def command(self) -> Tensor | None:
-        """Executed commanded fingertips in the palm frame [m], (batch, 4, 3); None before the first step."""
+    def motion(self) -> Tensor | None:
+        """Motion of the fingertips that the last step asked of the hand, beside any grip, from where they
+        were measured, in the palm frame [m], (batch, 4, 3); None before the first step."""
         ...
 
     def reset(self, mask: Tensor | None = None) -> None:
         """Begin a new episode in the rows of `mask`, shape (batch,) bool; in all rows if it is None."""
-        ...
-
-    def start(self, observation: Mapping[str, Tensor], initial: Tensor | None = None) -> Tensor:
-        """Return `command` before this step [m], (batch, 4, 3).
-
-        Args:
-            observation: The current observation of every row, raw units.
-            initial: Joint command [rad], (batch, 16), from which the rows that were just reset begin; other
-                rows ignore theirs. The measured joints by default, which let go of an object that the hand
-                already squeezes.
-
-        Raises:
-            DexFlexError: If the observation or `initial` has a wrong shape, NaN or infinity.
-        """
         ...
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
@@ -51,8 +39,9 @@ class Interface(Protocol):
 
         Args:
             observation: The current observation of every row, raw units.
-            draft: Shape (batch, horizon, 16), joint targets [rad], or (batch, horizon, 4, 3), per-step
-                displacements of the commanded fingertips in the palm frame [m], by `command_space`.
+            draft: Shape (batch, horizon, 16), joint targets [rad], or (batch, horizon, 4, 3), where the
+                fingertips should be after 1, 2, ... control steps, minus where they are measured now, in the
+                palm frame [m], by `command_space`.
 
         Returns:
             Hand joint targets [rad], in the draft's dtype. Shape (batch, 16).

@@ -1,28 +1,25 @@
-"""Execute fingertip displacements as they are, by inverse kinematics."""
+"""Execute drafts as they are, by inverse kinematics."""
 
 from collections.abc import Mapping
 
 from torch import Tensor
 
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, check_draft
-from lerobot_dexflex.interfaces.protocol import CommandSpace
+
+MEANING = "where the four fingertips should be, relative to where they are measured [m]"
 
 
 class RawInterface(CommandedInterface):
-    """Add the first displacement to the commanded fingertips and solve for joints. Satisfies `Interface`.
+    """Move the fingertips to where the draft's first step wants them. Satisfies `Interface`.
 
-    The displacement moves the *commanded* fingertips: the squeeze lives in commanded minus measured, and a
-    draft executed on measured fingertips lets go of the object.
+    It adds no grip. A draft that only says where the fingertips should be then lets go of what the hand holds;
+    one that commands into the object presses by as much as its servo lags.
     """
 
     name: str = "raw"
-    command_space: CommandSpace = "draft"
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
-        """Return the joint targets of the draft's first displacement; see `Interface.step`."""
-        return self.move(observation, self.displacement(observation, draft)).to(draft.dtype)
-
-    def displacement(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
-        """Return the draft's first displacement, checked [m]. Shape (batch, 4, 3), float64."""
-        rows = len(self.start(observation))
-        return check_draft(draft, (4, 3), rows, "displacements of the four commanded fingertips [m]")[:, 0]
+        """Return the joint targets of the draft's first step; see `Interface.step`."""
+        measured = self._hand.look(observation)
+        checked = check_draft(draft, (4, 3), len(measured.joints), MEANING)
+        return self.move(measured, checked[:, 0]).to(draft.dtype)

@@ -21,9 +21,9 @@ class WrappedInterface[Inner: Interface]:
         self.command_space: CommandSpace = inner.command_space
 
     @property
-    def command(self) -> Tensor | None:
-        """Executed commanded fingertips [m]. Shape (batch, 4, 3)."""
-        return self.inner.command
+    def motion(self) -> Tensor | None:
+        """See `Interface.motion`."""
+        return self.inner.motion
 
     @property
     def explanation(self) -> Explanation | None:
@@ -33,10 +33,6 @@ class WrappedInterface[Inner: Interface]:
     def reset(self, mask: Tensor | None = None) -> None:
         """Begin a new episode in the rows of `mask`, or in all."""
         self.inner.reset(mask)
-
-    def start(self, observation: Mapping[str, Tensor], initial: Tensor | None = None) -> Tensor:
-        """Return the commanded fingertips before this step [m], (batch, 4, 3); see `Interface.start`."""
-        return self.inner.start(observation, initial)
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         """Return the inner interface's joint targets; see `Interface.step`."""

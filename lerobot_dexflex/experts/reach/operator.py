@@ -1,59 +1,113 @@
-"""The closed-loop operator of the degraded-command benchmark: an ideal user who sees everything.
+"""The closed-loop operator: an ideal user who sees everything and says where the fingertips should be.
 
-It says where the commanded fingertips should go next, at whatever state the hand was brought to: the motion
-of its object controller's own target, plus a slow correction of the lag (design section 9)::
-
-    u*_t = (x*_t - x*_{t-1}) + 0.2 (x*_{t-1} - c_t)
+At whatever state the hand was brought to, it turns the pose error of the object into a small rigid motion of
+the touching fingertips, and a force balance into the forces that keep the object held. Who commands only
+motion (a glove, a policy) passes on the first; the second is what a controller has to supply. Both are
+functions of the state now, apart from the paths of lifted fingers and a little smoothing: nothing is hidden
+that a learner could not see. Executing both is the benchmark's upper bound.
 """
 
+import copy
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.experts.reach.object_controller import Mode, ObjectController
+from lerobot_dexflex.conventions import DRAFT_HORIZON
+from lerobot_dexflex.experts.reach.balance import balance_forces
+from lerobot_dexflex.experts.reach.fingers import FingerStates, Mode
 from lerobot_dexflex.experts.reach.regrasp import regrasp_points
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
-from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand import kernels, leap
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.hand.grasp_candidates import GRAVITY
+from lerobot_dexflex.hand.poses import quaternion_matrix, quaternion_of, quaternion_product, rotation_between
 from lerobot_dexflex.hand.surfaces import surface_samples
 
 Array = NDArray[np.float64]
 
-CORRECTION = 0.2
-"""Share of the lag between target and executed command that is made up per step. A gain of 1 is an unstable
-loop under delay."""
-_MAX_STEP = 0.006
-"""Fastest motion of a target [m] per step."""
+SPEED = (0.0015, 0.04)
+"""How fast the reference that leads the object walks to the goal [m], [rad] per control step."""
+LEAD = (0.006, 0.15)
+"""How far it may be ahead of the object [m], [rad]: what does not follow is asked for more."""
+PRELOAD = 3.0
+"""Internal squeeze per finger that is wished for [N], at least `_PRELOAD_GAIN` times the weight."""
+LIFT_STEPS, LIFT_HEIGHT = 8, 0.018
+"""A lifted finger leaves the object so far [m] in so many control steps."""
+SWING_SPEED, SWING_STEPS, APPROACH = 0.006, 30, 0.012
+"""Speed of a swing to above the new place [m] per step, its longest duration, and its end above it [m]."""
+PLACE_SPEED, PRESS, PLACE_STEPS = 0.003, 0.004, 14
+"""Speed of the placing [m] per step, how deep it may push [m] and how long it may take."""
+_LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
+_APPROACH = 0.25
+"""Share of the way to the goal that the reference walks per step where that is slower."""
+_PULL, _LARGEST_PULL = (100.0, 0.25), (2.0, 0.05)
+"""Wrench toward the goal: [N/m], [N m/rad], and at most [N], [N m]; it overcomes friction at rest."""
+_PRELOAD_GAIN, _FRICTION_SHARE = 1.5, 0.9
+_REALIGN, _FORCE_SMOOTHING = 0.3, 0.3
+_MAX_TORQUE = 0.55
+_LOST_AFTER, _RETURN, _RETURN_DEPTH = 3, 0.001, 0.006
+"""A finger without load for so many steps no longer carries; it goes back to its place by so much [m] per
+step, until it would be so deep [m]."""
+_SERVO, _SERVO_RANGE = 1e-4, (-0.003, 0.006)
+_POSTURE_WEIGHT, _HOME = 0.01, 0.1
+"""Tie to the measured posture [m/rad], and the share of the way back to the first grasp's per step."""
 _PATIENCE, _COOL_DOWN = 10, 15
+_STALLED, _NEARER, _NEAR = 12, 0.05, (0.010, 0.25)
+"""The object is stalled if it comes no nearer for so many steps; by so much, distance [m] and angle [rad]
+counted in tolerances and added."""
 _SURFACE_POINTS = 300
+
+
+class Guidance(NamedTuple):
+    """What the operator says in a control step; palm frame."""
+
+    tips: Array
+    """Where the fingertips should be after 1, 2, ... 8 control steps [m]. Shape (8, 4, 3)."""
+    forces: Array
+    """Forces of the fingers on the object [N]. Shape (4, 3)."""
+    points: Array
+    """Where they act [m]. Shape (4, 3)."""
+    joints: Array
+    """Joint targets that do both [rad]. Shape (16,)."""
 
 
 class OperatorState(NamedTuple):
     """Everything that decides what an operator does next, apart from the environment."""
 
-    controller: Any
-    target: Array | None
+    fingers: FingerStates
+    goal: tuple[Array, Array]
     cool_down: int
+    stalled: tuple[int, float]
     rng: Mapping[str, Any]
 
 
 class Operator:
-    """Command the fingertips so that the object goes to the goal; privileged.
+    """Lead the object to goals by the fingertips; privileged.
 
     Args:
         senses: True state of a running `ReachEnv` whose object is held.
         rng: Source of randomness, for regrasps only.
+        strength: Factor of the internal squeeze.
     """
 
-    def __init__(self, senses: Senses, rng: np.random.Generator) -> None:
+    def __init__(self, senses: Senses, rng: np.random.Generator, strength: float = 1.0) -> None:
         self.senses, self._rng = senses, rng
-        self.controller = ObjectController(senses)
+        self.speed, self.preload = SPEED, strength * PRELOAD
         spec = senses.env.episode.object_spec
         self.surface = surface_samples(spec, _SURFACE_POINTS, np.random.default_rng(0))
-        self._target: Array | None = None
+        now = senses.read()
+        self.fingers = FingerStates(
+            mode=np.where(now.loads > CONTACT_FORCE, int(Mode.HOLD), int(Mode.PARKED)),
+            anchor=(now.tips - now.position) @ now.rotation,
+            inward=now.inward @ now.rotation,
+            joints=now.joints,
+            park=now.tips.copy(),
+        )
+        self.goal = (now.position, now.quaternion)
         self._cool_down = 0
+        self._stalled, self._least = 0, np.inf
 
     def reseed(self, seed: int | tuple[int, ...]) -> None:
         """Let the choices from here on depend on `seed` alone."""
@@ -61,64 +115,296 @@ class Operator:
 
     def set_goal(self, position: Array, quaternion: Array) -> None:
         """Aim at an object pose in the palm frame: position [m] (3,), orientation (w x y z)."""
-        self.controller.set_goal(position, quaternion)
+        self.goal = (np.asarray(position, float), np.asarray(quaternion, float))
+        self.fingers.reference = None
+        self._stalled, self._least = 0, np.inf
 
-    def displacement(self, command: Array, now: HandState | None = None) -> Array:
-        """Return the clean command u* [m] (4, 3); call exactly once per control step.
+    @property
+    def gaiting(self) -> bool:
+        """Whether a finger is off to a new place."""
+        return bool((self.fingers.mode > 0).any())
+
+    def state(self) -> OperatorState:
+        """Return a snapshot."""
+        return OperatorState(
+            copy.deepcopy(self.fingers),
+            self.goal,
+            self._cool_down,
+            (self._stalled, self._least),
+            self._rng.bit_generator.state,
+        )
+
+    def set_state(self, state: OperatorState) -> None:
+        """Return to a snapshot."""
+        self.fingers, self.goal = copy.deepcopy(state.fingers), state.goal
+        self._cool_down = state.cool_down
+        self._stalled, self._least = state.stalled
+        self._rng.bit_generator.state = state.rng
+
+    def guide(self, now: HandState | None = None) -> Guidance:
+        """Return what to do in this control step; call exactly once per step.
 
         Args:
-            command: Commanded fingertips before the step [m]. Shape (4, 3).
             now: The state, if it has been read already.
         """
         now = now or self.senses.read()
-        target = kernels.fingertips(self.controller.joint_targets(now))
-        previous = command if self._target is None else self._target
-        step = target - previous
-        length = np.linalg.norm(step, axis=1, keepdims=True)
-        target = previous + step * np.minimum(1.0, _MAX_STEP / np.maximum(length, 1e-9))
-        self._target = target
+        self._update_contacts(now)
         self._replace_lost_finger(now)
-        return target - previous + CORRECTION * (previous - command)
+        self._gait_if_stalled(now)
+        self._advance_reference(now)
+        carrying = self._carrying(now)
+        points = np.where(carrying[:, None], now.points, now.tips)
+        forces = self._forces(now, points, carrying)
+        self._servo(now, forces, carrying)
+        joints, motion = self._first_step(now, points, carrying)
+        tips = self._ahead(now, points, carrying, motion)
+        torques = kernels.contact_torques(now.joints, points, forces)
+        leads = np.clip(torques, -_MAX_TORQUE, _MAX_TORQUE) / leap.KP
+        return Guidance(tips, forces, points, np.clip(joints + leads, _LOWER, _UPPER))
+
+    def regrasp(self, finger: int, anchor: Array, inward: Array, now: HandState) -> None:
+        """Send a finger to a new anchor [m] (3,) with contact normal `inward` (3,), in the object's frame."""
+        fingers = self.fingers
+        lifted = now.loads[finger] <= CONTACT_FORCE
+        fingers.mode[finger] = Mode.SWING if lifted else Mode.LIFT
+        fingers.timer[finger], fingers.servo[finger] = 0, 0.0
+        fingers.free[finger] = (now.tips[finger] - now.position) @ now.rotation
+        fingers.next_anchor[finger], fingers.next_inward[finger] = anchor, inward
 
     def try_gait(self) -> bool:
         """Send a finger to a better place, the idle one if there is one; say whether one goes.
 
         The other three must be able to hold the object.
         """
-        now, controller = self.senses.read(), self.controller
+        now = self.senses.read()
         loaded = now.loads > 2 * CONTACT_FORCE
-        if controller.gaiting or loaded.sum() < 3:
+        if self.gaiting or loaded.sum() < 3:
             return False
         for finger in self._rng.permutation(4) if loaded.all() else np.flatnonzero(~loaded):
-            found = regrasp_points(controller, now, int(finger), self.surface, self._rng, firm=True)
+            found = regrasp_points(self, now, int(finger), self.surface, self._rng, firm=True)
             if found:
-                controller.regrasp(int(finger), *found[0])
+                self.regrasp(int(finger), *found[0], now)
                 return True
         return False
-
-    def state(self) -> OperatorState:
-        """Return a snapshot."""
-        return OperatorState(
-            self.controller.snapshot(), self._target, self._cool_down, self._rng.bit_generator.state
-        )
-
-    def set_state(self, state: OperatorState) -> None:
-        """Return to a snapshot."""
-        self.controller.restore(state.controller)
-        self._target, self._cool_down = state.target, state.cool_down
-        self._rng.bit_generator.state = state.rng
 
     def _replace_lost_finger(self, now: HandState) -> None:
         """Find a new place for a finger that has been off the object for long."""
         self._cool_down = max(0, self._cool_down - 1)
-        controller = self.controller
-        fingers = controller.fingers
-        if self._cool_down or controller.gaiting or (now.loads > CONTACT_FORCE).sum() != 2:
+        fingers = self.fingers
+        if self._cool_down or self.gaiting or (now.loads > CONTACT_FORCE).sum() != 2:
             return
         lost = (fingers.mode == Mode.PARKED) | ((fingers.mode == Mode.HOLD) & (fingers.timer > _PATIENCE))
         if lost.any():
             finger = int(self._rng.choice(np.flatnonzero(lost)))
-            found = regrasp_points(controller, now, finger, self.surface, self._rng)
+            found = regrasp_points(self, now, finger, self.surface, self._rng)
             if found:
-                controller.regrasp(finger, *found[0])
+                self.regrasp(finger, *found[0], now)
             self._cool_down = _COOL_DOWN
+
+    def _gait_if_stalled(self, now: HandState) -> None:
+        """Send a finger to a better place where the object has not come nearer to the goal for long."""
+        way, turn = self._way(now)
+        error = float(np.linalg.norm(way) / _NEAR[0] + np.linalg.norm(turn) / _NEAR[1])
+        nearer = error < self._least - _NEARER
+        self._least = min(self._least, error) if nearer else self._least
+        self._stalled = 0 if nearer else self._stalled + 1
+        if self._stalled > _STALLED and error > 1.0:
+            self._stalled = 0
+            self.try_gait()
+
+    def _update_contacts(self, now: HandState) -> None:
+        """Follow rolling contacts; adopt parked and placed fingers that touch."""
+        fingers = self.fingers
+        tips, inward = (now.tips - now.position) @ now.rotation, now.inward @ now.rotation
+        for k in range(4):
+            load = now.loads[k]
+            found = fingers.mode[k] == Mode.PARKED and load > 2 * CONTACT_FORCE
+            placed = fingers.mode[k] == Mode.PLACE and load > 3 * CONTACT_FORCE
+            if found or placed:
+                fingers.mode[k], fingers.timer[k], fingers.servo[k] = Mode.HOLD, 0, 0.0
+                fingers.inward[k] = fingers.next_inward[k] if placed else inward[k]
+            if fingers.mode[k] != Mode.HOLD:
+                continue
+            if load > CONTACT_FORCE:
+                fingers.timer[k] = 0
+                fingers.anchor[k] = tips[k]
+                normal = fingers.inward[k] + _REALIGN * (inward[k] - fingers.inward[k])
+                fingers.inward[k] = normal / max(float(np.linalg.norm(normal)), 1e-9)
+            else:
+                fingers.timer[k] += 1
+
+    def _carrying(self, now: HandState) -> NDArray[np.bool_]:
+        """Return which fingers take part in the force balance. Shape (4,)."""
+        del now
+        return (self.fingers.mode == Mode.HOLD) & (self.fingers.timer < _LOST_AFTER)
+
+    def _way(self, now: HandState) -> tuple[Array, Array]:
+        """Return the pose error to the goal [m], [rad] as vectors."""
+        return self.goal[0] - now.position, rotation_between(now.quaternion, self.goal[1])
+
+    def _advance_reference(self, now: HandState) -> None:
+        """Walk the reference to the goal, never far ahead of the object."""
+        position, quaternion = self.fingers.reference or (now.position, now.quaternion)
+        pace = self._pace(now)
+        position = position + shortened(_APPROACH * (self.goal[0] - position), pace * self.speed[0])
+        turn = shortened(_APPROACH * rotation_between(quaternion, self.goal[1]), pace * self.speed[1])
+        quaternion = quaternion_product(quaternion_of(turn), quaternion)
+        offset = shortened(position - now.position, LEAD[0])
+        turned = shortened(rotation_between(now.quaternion, quaternion), LEAD[1])
+        self.fingers.reference = (
+            now.position + offset,
+            quaternion_product(quaternion_of(turned), now.quaternion),
+        )
+
+    def _ahead_of(self, now: HandState) -> tuple[Array, Array]:
+        """Return how far the reference is ahead of the object [m], [rad], as vectors."""
+        assert self.fingers.reference is not None
+        position, quaternion = self.fingers.reference
+        return position - now.position, rotation_between(now.quaternion, quaternion)
+
+    def _pace(self, now: HandState) -> float:
+        """Return 0 while fewer than two fingers hold the object: it is not to be pushed away; else 1."""
+        return float((now.loads > CONTACT_FORCE).sum() >= 2)
+
+    def _forces(self, now: HandState, points: Array, carrying: NDArray[np.bool_]) -> Array:
+        """Return the smoothed forces [N] (4, 3) that the fingers should exert."""
+        fingers, senses = self.fingers, self.senses
+        wanted = np.zeros((4, 3))
+        holding = np.flatnonzero(carrying)
+        if len(holding):
+            way, turn = self._way(now)
+            pull = shortened(_PULL[0] * way, _LARGEST_PULL[0])
+            twist = shortened(_PULL[1] * turn, _LARGEST_PULL[1])
+            wrench = np.concatenate([pull - senses.mass * senses.gravity, twist])
+            preload = max(self.preload, _PRELOAD_GAIN * senses.mass * GRAVITY)
+            wanted[holding], _ = balance_forces(
+                points[holding],
+                fingers.inward[holding] @ now.rotation.T,
+                now.position,
+                wrench,
+                _FRICTION_SHARE * senses.friction,
+                preload,
+            )
+        before = wanted if fingers.forces is None else fingers.forces
+        fingers.forces = before + _FORCE_SMOOTHING * (wanted - before)
+        fingers.forces[fingers.mode > 0] = 0.0
+        return fingers.forces.copy()
+
+    def _servo(self, now: HandState, forces: Array, carrying: NDArray[np.bool_]) -> None:
+        missing = np.linalg.norm(forces, axis=1) - now.loads
+        servo = np.clip(self.fingers.servo + _SERVO * missing, *_SERVO_RANGE)
+        self.fingers.servo = np.where(carrying & (now.loads > CONTACT_FORCE), servo, 0.0)
+
+    def _first_step(
+        self, now: HandState, points: Array, carrying: NDArray[np.bool_]
+    ) -> tuple[Array, Array]:
+        """Return the joints after this step [rad] (16,) and the motion of the tips to there [m] (4, 3)."""
+        fingers = self.fingers
+        moved, turned = self._ahead_of(now)
+        self._follow_paths(now)
+        normals = fingers.inward @ now.rotation.T
+        asked = np.zeros((4, 3))
+        for k in range(4):
+            if carrying[k]:
+                asked[k] = moved + np.cross(turned, points[k] - now.position) + fingers.servo[k] * normals[k]
+            else:
+                asked[k] = self._away(now, k, normals[k])
+        joints = self._solve(now.joints, points, asked, carrying)
+        push = np.where(carrying[:, None], fingers.servo[:, None] * normals, 0.0)
+        return joints, kernels.fingertips(joints) - now.tips - push
+
+    def _away(self, now: HandState, finger: int, normal: Array) -> Array:
+        """Return the motion of a tip that does not carry [m] (3,)."""
+        fingers = self.fingers
+        mode, tip = fingers.mode[finger], now.tips[finger]
+        if mode == Mode.PARKED:
+            return shortened(fingers.park[finger] - tip, SWING_SPEED)
+        if mode == Mode.HOLD:
+            place = now.position + now.rotation @ fingers.anchor[finger] + _RETURN_DEPTH * normal
+            return shortened(place - tip, _RETURN)
+        return shortened(now.position + now.rotation @ fingers.free[finger] - tip, SWING_SPEED)
+
+    def _follow_paths(self, now: HandState) -> None:
+        """Bring lifted fingers a step further on their paths."""
+        fingers = self.fingers
+        for k in np.flatnonzero(fingers.mode > 0):
+            fingers.timer[k] += 1
+            fingers.free[k], fingers.mode[k], fingers.timer[k] = self._path(
+                k, fingers.free[k], int(fingers.mode[k]), int(fingers.timer[k])
+            )
+            if fingers.mode[k] == Mode.PLACE and fingers.timer[k] > PLACE_STEPS:
+                fingers.mode[k] = Mode.PARKED
+                fingers.park[k] = now.tips[k] - 0.015 * now.rotation @ fingers.next_inward[k]
+
+    def _path(self, finger: int, free: Array, mode: int, timer: int) -> tuple[Array, int, int]:
+        """Return where a lifted tip is next in the object's frame [m], its mode and timer after that."""
+        fingers = self.fingers
+        goal, inward = fingers.next_anchor[finger], fingers.next_inward[finger]
+        if mode == Mode.LIFT:
+            lift = LIFT_HEIGHT * min(1.0, timer / LIFT_STEPS)
+            local, done = fingers.anchor[finger] - lift * fingers.inward[finger], timer >= LIFT_STEPS
+        elif mode == Mode.SWING:
+            way = goal - APPROACH * inward - free
+            local = free + shortened(way, SWING_SPEED)
+            done = timer >= SWING_STEPS or bool(np.linalg.norm(way) <= SWING_SPEED)
+        else:
+            local, done = goal + min(PRESS, -APPROACH + PLACE_SPEED * timer) * inward, False
+        return local, mode + done, 0 if done else timer
+
+    def _solve(
+        self, joints: Array, points: Array, asked: Array, carrying: NDArray[np.bool_]
+    ) -> Array:
+        """Return joints [rad] (16,) that move contact points, or the tips of free fingers, as asked [m]."""
+        origins, axes, _ = kernels.frames(joints)
+        solved = joints.copy()
+        for k in range(4):
+            part = slice(4 * k, 4 * k + 4)
+            jacobian = np.cross(axes[k], points[k] - origins[k])  # (4 joints, 3)
+            weight = _POSTURE_WEIGHT**2
+            pull = _HOME * weight * (self.fingers.joints[part] - joints[part]) if carrying[k] else 0.0
+            step = np.linalg.solve(jacobian @ jacobian.T + weight * np.eye(4), jacobian @ asked[k] + pull)
+            solved[part] += step
+        return np.clip(solved, _LOWER, _UPPER)
+
+    def _ahead(
+        self,
+        now: HandState,
+        points: Array,
+        carrying: NDArray[np.bool_],
+        motion: Array,
+    ) -> Array:
+        """Return where the tips should be over the next steps [m], (8, 4, 3), if all goes as planned."""
+        fingers, pace = self.fingers, self._pace(now)
+        tips = np.empty((DRAFT_HORIZON, 4, 3))
+        paths = {int(k): (fingers.free[k], int(fingers.mode[k]), int(fingers.timer[k])) for k in range(4)}
+        offset, turned = self._ahead_of(now)
+        way = self.goal[0] - now.position
+        turn = rotation_between(now.quaternion, self.goal[1])
+        first = np.zeros((4, 3))
+        for step in range(DRAFT_HORIZON):
+            if step:
+                offset = offset + shortened(way - offset, pace * self.speed[0])
+                turned = turned + shortened(turn - turned, pace * self.speed[1])
+            rotation = quaternion_matrix(quaternion_of(turned))
+            carried = (points - now.position) @ rotation.T + now.position + offset - points
+            if step == 0:
+                first = carried
+            position, whole = now.position + offset, rotation @ now.rotation
+            for k in range(4):
+                if carrying[k]:  # The tip goes with its contact; its first step is known exactly.
+                    tips[step, k] = now.tips[k] + motion[k] + carried[k] - first[k]
+                elif fingers.mode[k] > 0:
+                    if step:
+                        free, mode, timer = paths[k]
+                        paths[k] = self._path(k, free, mode, timer + 1)
+                    tips[step, k] = position + whole @ paths[k][0]
+                else:
+                    tips[step, k] = now.tips[k] + (step + 1) * motion[k]
+        tips[0] = now.tips + motion
+        return tips
+
+
+def shortened(vector: Array, limit: float) -> Array:
+    """Return the vector, or one of length `limit` in its direction if it is longer."""
+    length = float(np.linalg.norm(vector))
+    return vector if length <= limit else vector * (limit / length)

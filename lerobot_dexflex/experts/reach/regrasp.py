@@ -5,7 +5,7 @@ import torch
 from numpy.typing import NDArray
 
 from lerobot_dexflex.experts.reach.balance import balance_forces
-from lerobot_dexflex.experts.reach.object_controller import Mode, ObjectController
+from lerobot_dexflex.experts.reach.fingers import Holder, Mode
 from lerobot_dexflex.experts.reach.sensing import HandState
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS, solve_pads
@@ -22,7 +22,7 @@ _FRICTION_SHARE = 0.5
 
 
 def regrasp_points(
-    controller: ObjectController,
+    holder: Holder,
     now: HandState,
     finger: int,
     surface: tuple[Array, Array],
@@ -33,7 +33,7 @@ def regrasp_points(
     """Return up to `limit` new anchors of a finger and their inward normals, both in the object's frame.
 
     Args:
-        controller: Who holds the object, and where it should go.
+        holder: Who holds the object, and where it should go.
         now: The state.
         finger: Index of the finger.
         surface: Points [m] and outward normals of the object in its frame, each (n, 3).
@@ -41,12 +41,12 @@ def regrasp_points(
         firm: Whether the other fingers must hold the object well without this one.
         limit: How many to return.
     """
-    fingers = controller.fingers
+    fingers = holder.fingers
     others = np.array([k for k in range(4) if k != finger and fingers.mode[k] == Mode.HOLD], int)
-    if len(others) < 2 or (firm and not _holds(controller, now, others)):
+    if len(others) < 2 or (firm and not _holds(holder, now, others)):
         return []
     points, normals = surface
-    goal, goal_quaternion = controller.goal
+    goal, goal_quaternion = holder.goal
     rotation = quaternion_matrix(goal_quaternion)
     at_goal, at_now = points @ rotation.T + goal, points @ now.rotation.T + now.position
     home = kernels.fingertips(_NOMINAL)[finger]
@@ -58,7 +58,7 @@ def regrasp_points(
     if not len(order):
         return []
     shape = (len(order), 4, 3)
-    joints = np.broadcast_to(fingers.joints, (len(order), 16)).copy()
+    joints = np.broadcast_to(now.joints, (len(order), 16)).copy()
     solution = solve_pads(
         torch.from_numpy(np.broadcast_to(at_now[order][:, None], shape).copy()),
         torch.from_numpy(np.broadcast_to((normals[order] @ now.rotation.T)[:, None], shape).copy()),
@@ -70,30 +70,30 @@ def regrasp_points(
     found = []
     for k in np.flatnonzero(fits.numpy()):
         point, inward = at_now[order[k]], -now.rotation @ normals[order[k]]
-        if _balance(controller, now, others, (point, inward))[1] < _MAX_RESIDUAL:
+        if _balance(holder, now, others, (point, inward))[1] < _MAX_RESIDUAL:
             found.append(((tips[k] - now.position) @ now.rotation, -normals[order[k]]))
         if len(found) == limit:
             break
     return found
 
 
-def _holds(controller: ObjectController, now: HandState, fingers: NDArray[np.int64]) -> bool:
-    forces, residual = _balance(controller, now, fingers)
+def _holds(holder: Holder, now: HandState, fingers: NDArray[np.int64]) -> bool:
+    forces, residual = _balance(holder, now, fingers)
     return residual < _FIRM_RESIDUAL and np.linalg.norm(forces, axis=1).min() > _FIRM_LOAD
 
 
 def _balance(
-    controller: ObjectController,
+    holder: Holder,
     now: HandState,
     fingers: NDArray[np.int64],
     extra: tuple[Array, Array] | None = None,
 ) -> tuple[Array, float]:
     """Return forces [N] with which fingers (and one more contact) carry the object, and what they miss."""
-    points, inward = now.points[fingers], controller.fingers.inward[fingers] @ now.rotation.T
+    points, inward = now.points[fingers], holder.fingers.inward[fingers] @ now.rotation.T
     if extra is not None:
         points, inward = np.vstack([points, extra[0]]), np.vstack([inward, extra[1]])
-    senses = controller.senses
+    senses = holder.senses
     wrench = np.concatenate([-senses.mass * senses.gravity, np.zeros(3)])
     return balance_forces(
-        points, inward, now.position, wrench, _FRICTION_SHARE * senses.friction, controller.preload
+        points, inward, now.position, wrench, _FRICTION_SHARE * senses.friction, holder.preload
     )

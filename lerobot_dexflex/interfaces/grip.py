@@ -1,0 +1,110 @@
+"""Grip: contact forces become joint leads, and a small servo makes up for what touch does not feel of them."""
+
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.hand.kinematics import contact_torques, pads
+
+RECENT = 3
+"""A finger that carried load so many control steps ago is still taken to hold."""
+
+
+@dataclass(frozen=True)
+class ServoSettings:
+    """Gains and limits of the touch servo.
+
+    Raises:
+        DexFlexError: If one is negative or no number.
+    """
+
+    gain: float = 1e-4
+    """Inward displacement per missing newton and control step [m/N]."""
+    back: float = 5e-4
+    """Inward displacement per control step of a finger that lost its load a moment ago [m]."""
+    release: float = 1e-3
+    """How fast the displacement goes back once a finger is not to press [m] per control step."""
+    limit: float = 0.02
+    """Largest displacement [m]."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if not value >= 0:
+                raise DexFlexError(f"The servo's `{each.name}` must be 0 or more. Got {value}.")
+
+
+class Exertion(NamedTuple):
+    """How a grip is realised."""
+
+    torques: Tensor
+    """Joint torques [N m]. Shape (batch, 16)."""
+    push: Tensor
+    """Displacement of the fingertips along the pads' normals [m]. Shape (batch, 4, 3)."""
+
+
+class Grip:
+    """Realise contact forces at the pads as torques (J^T f), with a bounded integral of the felt error.
+
+    The forces are those of the fingers on the object. Rows are never written in place.
+
+    Args:
+        servo: Of the felt load.
+    """
+
+    def __init__(self, servo: ServoSettings | None = None) -> None:
+        self.servo = servo or ServoSettings()
+        self._offset: Tensor | None = None
+        self._unloaded: Tensor | None = None
+
+    def reset(self, mask: Tensor | None = None) -> None:
+        """Forget the rows in `mask`, shape (batch,) bool, or all."""
+        if mask is None or self._offset is None or self._unloaded is None:
+            self._offset = self._unloaded = None
+            return
+        mask = torch.as_tensor(mask, dtype=torch.bool, device=self._offset.device)[:, None]
+        self._offset = self._offset.masked_fill(mask, 0.0)
+        self._unloaded = self._unloaded.masked_fill(mask, RECENT)
+
+    def feel(self, loads: Tensor) -> Tensor:
+        """Take in the loads of this step and return which fingers hold: now, or a moment ago. (batch, 4).
+
+        Args:
+            loads: Normal force of each fingertip [N]; NaN where it is not known. Shape (batch, 4).
+        """
+        if self._offset is None or self._unloaded is None:
+            self._offset = torch.zeros_like(loads, dtype=torch.float64)
+            self._unloaded = torch.full(loads.shape, RECENT, dtype=torch.int64, device=loads.device)
+        self._unloaded = torch.where(loads > CONTACT_FORCE, 0, self._unloaded + 1)
+        return self._unloaded < RECENT
+
+    def exert(self, joints: Tensor, forces: Tensor, loads: Tensor) -> Exertion:
+        """Return torques and displacement for wanted forces; `feel` the loads before.
+
+        Args:
+            joints: Measured [rad], float64. Shape (batch, 16).
+            forces: Wanted contact forces in the palm frame [N]; zero for fingers that are not to press.
+                Shape (batch, 4, 3).
+            loads: As for `feel`; a finger that is not known is not servoed.
+        """
+        assert self._offset is not None
+        assert self._unloaded is not None
+        servo, forces = self.servo, forces.double()
+        centres, inward = pads(joints)
+        wanted = forces.norm(dim=-1)
+        pressing = wanted > CONTACT_FORCE
+        touching = self._unloaded == 0
+        error = servo.gain * (wanted - loads.double().nan_to_num())
+        step = torch.where(touching, error, servo.back)
+        step = torch.where(pressing & loads.isfinite(), step, -servo.release)
+        self._offset = (self._offset + step).clamp(0.0, servo.limit)
+        return Exertion(contact_torques(joints, centres, forces), self._offset[..., None] * inward)
+
+
+def loads_of(tactile: Tensor) -> Tensor:
+    """Return the normal force of each fingertip [N], (batch, 4), of taxels (batch, 240) or (batch, 4, ...)."""
+    return tactile.reshape(len(tactile), 4, -1).sum(-1)
