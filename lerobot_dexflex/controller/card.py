@@ -15,8 +15,9 @@ _TEMPLATE = """\
 # DexFlex controller for the tactile LEAP hand
 
 A draft-conditioned controller of [lerobot_dexflex](https://github.com/lerobot-dexflex/lerobot_dexflex):
-it encodes what the hand feels, proposes chunks of fingertip motion from a few-step flow prior, predicts what
-each would lead to, scores them against the policy's draft and decodes the best into joint targets.
+upstream says where the fingertips should be, the controller supplies the grip. It encodes what the hand feels,
+proposes chunks of fingertip motion from a few-step flow prior, predicts what each would lead to, scores them
+against the draft, and decodes contact forces for the best.
 
 | | |
 |---|---|
@@ -38,8 +39,8 @@ from lerobot_dexflex.controller import DexFlexController
 controller = DexFlexController.from_pretrained("path/or/hub-name")
 ```
 
-At run time the `dexflex` interface feeds it observations and drafts, and adds one candidate that is not
-learned: the draft's contact projection, a formula over touch. It refuses another hand or control rate.
+At run time the `dexflex` interface feeds it observations and drafts, and realises the forces by leading the
+joints. It refuses another hand, control rate or meaning of a draft.
 {training}
 ## Known limitations
 

@@ -1,4 +1,4 @@
-"""Chunks of fingertip displacements as the networks see them."""
+"""Chunks of fingertip motion as the networks see them."""
 
 from typing import NamedTuple
 
@@ -6,71 +6,48 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lerobot_dexflex.controller.settings import SelectionSettings
-from lerobot_dexflex.conventions import FINGER_NAMES
+from lerobot_dexflex.conventions import DRAFT_HORIZON, FINGER_NAMES
 
-DRAFT, PURE, SEEDED, CONTACT = 0, 1, 2, 3
-"""Branches that candidates come from."""
+BRANCHES = ("draft", "pure", "seeded", "finger")
+"""Where candidates come from: the draft itself; noise alone; noise around the draft; the draft, of which one
+finger is drawn anew from noise or from noise around its draft."""
+DRAFT, PURE, SEEDED, FINGER = range(len(BRANCHES))
 _CLIP = 6.0
-_RECENT = 4
 
 
 class Candidates(NamedTuple):
     """Chunks to choose from."""
 
     chunks: Tensor
-    """Displacements of the commanded fingertips [m]. Shape (batch, candidates, horizon, 4, 3)."""
+    """Where the fingertips should be, minus where they are measured [m]. Shape (batch, candidates, horizon, 4,
+    3)."""
     branch: Tensor
-    """`DRAFT`, `PURE`, `SEEDED` or `CONTACT`. Shape (candidates,)."""
+    """Index into `BRANCHES`. Shape (candidates,)."""
 
 
 class ChunkScale(nn.Module):
-    """One isotropic scale per finger [m], so that directions stay what they are."""
+    """One isotropic scale per step and finger [m], so that directions stay what they are."""
 
     scale: Tensor
 
     def __init__(self) -> None:
         super().__init__()
-        self.register_buffer("scale", torch.full((len(FINGER_NAMES),), 0.001))
+        steps = torch.arange(1, DRAFT_HORIZON + 1)[:, None]
+        self.register_buffer("scale", 0.001 * steps.expand(-1, len(FINGER_NAMES)).contiguous().float())
 
     def fit(self, chunks: Tensor) -> None:
-        """Take the root mean square of displacements [m], shape (..., 4, 3), as the scale."""
-        rms = chunks.double().flatten(0, -3).square().mean((0, 2)).sqrt()
+        """Take the root mean square of chunks [m], shape (rows, horizon, 4, 3), as the scale."""
+        rms = chunks.double().square().mean((0, 3)).sqrt()
         self.scale.copy_(rms.clamp(min=1e-5))
 
     def normalize(self, chunks: Tensor) -> Tensor:
-        """Return chunks (..., steps, 4, 3) [m] as (..., steps * 12) of about unit size, clipped at 6."""
-        return (chunks / self.scale[:, None]).clamp(-_CLIP, _CLIP).flatten(-3)
+        """Return chunks (..., horizon, 4, 3) [m] as (..., 4, horizon * 3) of about unit size, clipped at 6."""
+        unit = (chunks / self.scale[..., None]).clamp(-_CLIP, _CLIP)
+        return unit.transpose(-2, -3).flatten(-2)
 
     def restore(self, values: Tensor) -> Tensor:
-        """Return (..., steps * 12) as chunks (..., steps, 4, 3) [m]."""
-        return values.unflatten(-1, (-1, len(FINGER_NAMES), 3)) * self.scale[:, None]
-
-
-def seed_chunks(draft: Tensor, drafts_history: Tensor, settings: SelectionSettings) -> Tensor:
-    """Return what each draft-seeded candidate starts from.
-
-    Args:
-        draft: Shape (batch, horizon, 4, 3) [m].
-        drafts_history: First displacements before this step, oldest first [m]. Shape (batch, 8, 4, 3).
-        settings: Their number, levels and seeds; candidates cycle over levels first, then over seeds.
-
-    Returns:
-        Shape (batch, n_seeded, horizon, 4, 3) [m].
-    """
-    starts = []
-    for name in settings.seeds:
-        if name == "draft":
-            starts.append(draft)
-        elif name == "mean":
-            recent = torch.cat([drafts_history[:, 1 - _RECENT :], draft[:, :1]], 1)
-            known = (recent != 0).flatten(2).any(-1).sum(1).clamp(min=1)
-            mean = recent.sum(1) / known[:, None, None]
-            starts.append(mean.unsqueeze(1).expand_as(draft))
-        else:
-            starts.append(float(name) * draft)
-    which = [k // len(settings.levels) % len(starts) for k in range(settings.n_seeded)]
-    return torch.stack(starts, 1)[:, which]
+        """Return (..., 4, horizon * 3) as chunks (..., horizon, 4, 3) [m]."""
+        return values.unflatten(-1, (-1, 3)).transpose(-2, -3) * self.scale[..., None]
 
 
 def distance_to(chunks: Tensor, draft: Tensor, steps: int = 2) -> Tensor:

@@ -20,12 +20,14 @@ TAXELS = (10, 6)
 """Rows and columns of taxels per fingertip."""
 CHECKSUMS = "checksums"
 """Key of `config.json` beside the configuration: SHA-256 of the weights by file name."""
+DRAFT_DEFINITION = "offset_from_measured"
+"""What a draft says: where fingertips should be, minus where they are measured."""
 _IDENTITY = {
-    "format": 1,
+    "format": 2,
     "embodiment": "leap_right",
     "rate": 20.0,
     "horizon": DRAFT_HORIZON,
-    "draft_definition": "commanded_displacement",
+    "draft_definition": DRAFT_DEFINITION,
     "fingers": FINGER_NAMES,
     "frames": FRAMES,
     "slow_stride": SLOW_STRIDE,
@@ -44,7 +46,7 @@ class ControllerConfig:
         DexFlexError: If the configuration is of another hand, rate or format than this code serves.
     """
 
-    format: int = 1
+    format: int = 2
     """Version of the checkpoint's layout."""
     embodiment: str = "leap_right"
     """The hand."""
@@ -52,8 +54,9 @@ class ControllerConfig:
     """Control rate [Hz]."""
     horizon: int = DRAFT_HORIZON
     """Control steps in a draft and in every candidate."""
-    draft_definition: str = "commanded_displacement"
-    """What one step of a draft is: a displacement of the commanded fingertips in the palm frame [m]."""
+    draft_definition: str = DRAFT_DEFINITION
+    """What a step of a draft is: where the fingertips should be, minus where they are measured now, in the
+    palm frame [m]."""
     fingers: tuple[str, ...] = FINGER_NAMES
     """Order of the fingers."""
     frames: tuple[int, ...] = FRAMES
@@ -80,8 +83,10 @@ class ControllerConfig:
     """Changes of joints since an earlier frame are divided by this [rad]."""
     tip_step_scale: float = 0.004
     """Changes of fingertips since an earlier frame are divided by this [m]."""
-    residual_bound: float = 0.15
-    """Largest correction of a joint target [rad]."""
+    force_scale: float = 2.0
+    """The decoder's forces are multiples of this [N]."""
+    largest_force: float = 8.0
+    """Bound of a finger's force [N]: what LEAP's thumb exerts at most."""
 
     body_width: int = 96
     """Width of the proprioceptive latent p."""
@@ -136,6 +141,11 @@ class ControllerConfig:
         """Numbers in a chunk."""
         return self.horizon * len(self.fingers) * 3
 
+    @property
+    def finger_chunk_width(self) -> int:
+        """Numbers in one finger's part of a chunk."""
+        return self.horizon * 3
+
     def check(self, embodiment: str | None = None, rate: float | None = None) -> None:
         """Refuse a hand or control rate [Hz] that the controller was not trained for.
 
@@ -164,6 +174,13 @@ class ControllerConfig:
         Raises:
             DexFlexError: If a name is unknown, an essential one is missing, or a value does not fit.
         """
+        definition = values.get("draft_definition", DRAFT_DEFINITION)
+        if definition != DRAFT_DEFINITION:
+            raise DexFlexError(
+                f"{source} is of a controller whose drafts are {definition!r}; here they are "
+                f"{DRAFT_DEFINITION!r} (where fingertips should be, minus where they are measured). Train it "
+                "anew with `dexflex-corpus` and `dexflex-train`, or use the shipped controller."
+            )
         known = {item.name for item in fields(cls)}
         missing, unknown = sorted(set(_IDENTITY) - set(values)), sorted(set(values) - known)
         if missing or unknown:

@@ -9,18 +9,9 @@ from torch import Tensor, nn
 
 from lerobot_dexflex.controller import checkpoint
 from lerobot_dexflex.controller.card import controller_card
-from lerobot_dexflex.controller.chunks import (
-    CONTACT,
-    DRAFT,
-    PURE,
-    SEEDED,
-    Candidates,
-    ChunkScale,
-    distance_to,
-    seed_chunks,
-)
+from lerobot_dexflex.controller.chunks import DRAFT, FINGER, PURE, SEEDED, Candidates, ChunkScale, distance_to
 from lerobot_dexflex.controller.config import ControllerConfig
-from lerobot_dexflex.controller.decoder import HAND_DOFS, Decoder
+from lerobot_dexflex.controller.decoder import Decoder, Forces
 from lerobot_dexflex.controller.encoder import Encoder, State
 from lerobot_dexflex.controller.finite import check_output
 from lerobot_dexflex.controller.history import History
@@ -28,6 +19,7 @@ from lerobot_dexflex.controller.prior import Prior
 from lerobot_dexflex.controller.score import Score
 from lerobot_dexflex.controller.settings import SelectionSettings
 from lerobot_dexflex.controller.world_model import WorldModel
+from lerobot_dexflex.conventions import FINGER_NAMES
 
 
 class Dream(NamedTuple):
@@ -37,6 +29,8 @@ class Dream(NamedTuple):
     """Predicted z a horizon later. Shape (batch, candidates, latent_width)."""
     contact_loss: Tensor
     """Probability that a finger loaded now is unloaded then. Shape (batch, candidates, 4)."""
+    slip: Tensor
+    """Probability that a finger loaded now slips along the object. Shape (batch, candidates, 4)."""
     grasp_loss: Tensor
     """Probability that the grasp is lost within the horizon. Shape (batch, candidates)."""
 
@@ -45,9 +39,7 @@ class Selection(NamedTuple):
     """A decision and what led to it."""
 
     chunk: Tensor
-    """The chosen chunk, output gain applied [m]. Shape (batch, horizon, 4, 3)."""
-    residual: Tensor
-    """Correction to be added to the inverse kinematics of its first step [rad]. Shape (batch, 16)."""
+    """The chosen chunk [m]. Shape (batch, horizon, 4, 3)."""
     best: Tensor
     """The best candidate. Shape (batch,)."""
     score: Tensor
@@ -57,7 +49,7 @@ class Selection(NamedTuple):
 
 
 class DexFlexController(nn.Module, ModelHubMixin):
-    """Propose chunks from the prior, predict their outcomes, score them, decode the best.
+    """Propose chunks from the prior, predict their outcomes, score them, supply the grip of the best.
 
     Each step raises `DexFlexError` if its network puts out NaN or infinity.
 
@@ -94,56 +86,39 @@ class DexFlexController(nn.Module, ModelHubMixin):
         return check_output("encoder", self.encoder.slow_token(history))
 
     def propose(
-        self,
-        state: State,
-        draft: Tensor,
-        drafts_history: Tensor,
-        settings: SelectionSettings,
-        noise: Tensor | None = None,
-        repaired: Tensor | None = None,
+        self, state: State, draft: Tensor, settings: SelectionSettings, noise: Tensor | None = None
     ) -> Candidates:
-        """Draw candidate chunks: the draft first, then from the prior, from noisy drafts, its projection.
+        """Draw candidate chunks: the draft first, then from the prior, from noisy drafts, finger by finger.
 
         Args:
             state: The encoded states.
             draft: Shape (batch, horizon, 4, 3) [m].
-            drafts_history: First displacements of earlier drafts, oldest first [m]. Shape (batch, 8, 4, 3).
             settings: How many and from where.
-            noise: Standard normal, shape (batch or 1, n_pure + n_seeded, chunk_width); None draws it from
+            noise: Standard normal, shape (batch or 1, drawn candidates, 4, horizon * 3); None draws it from
                 `settings.seed`, the same for all rows and steps, so that choices do not flicker.
-            repaired: The draft's contact projection, if it takes part; draft-seeded candidates then start
-                from it. Shape (batch, horizon, 4, 3) [m].
         """
-        n_pure, n_seeded = settings.n_pure, settings.n_seeded
-        branch = torch.tensor([DRAFT] * settings.include_draft + [PURE] * n_pure + [SEEDED] * n_seeded)
+        start, branch = _starts(settings)
         parts = [draft.unsqueeze(1)] if settings.include_draft else []
-        if n_pure + n_seeded:
+        if len(start):
             if noise is None:
                 generator = torch.Generator().manual_seed(settings.seed)
-                noise = torch.randn(1, n_pure + n_seeded, self.config.chunk_width, generator=generator)
-            noise = noise.to(draft).expand(len(draft), -1, -1)
-            starts, begin = noise[:, :n_pure], [0.0] * n_pure
-            if n_seeded:
-                levels = [settings.levels[k % len(settings.levels)] for k in range(n_seeded)]
-                level = draft.new_tensor(levels)[:, None]
-                origin = draft if repaired is None else repaired
-                seeds = self.scale.normalize(seed_chunks(origin, drafts_history, settings))
-                starts = torch.cat([starts, (1 - level) * noise[:, n_pure:] + level * seeds], 1)
-                begin = begin + levels
-            steps = [max(1, round(settings.nfe * (1 - t))) for t in begin]
-            drawn = self.prior.sample(starts, begin, steps, self.prior.context(state))
+                shape = (1, *start.shape, self.config.finger_chunk_width)
+                noise = torch.randn(shape, generator=generator)
+            level = start.to(draft)[..., None]  # (candidates, 4, 1)
+            origin = self.scale.normalize(draft).unsqueeze(1)
+            begin = (1 - level) * noise.to(draft) + level * origin
+            drawn = self.prior.sample(begin, start.to(draft), settings.nfe, self.prior.context(state))
             parts.append(check_output("prior", self.scale.restore(drawn)))
-        if repaired is not None:
-            parts.append(repaired.unsqueeze(1))
-            branch = torch.cat([branch, torch.tensor([CONTACT])])
-        return Candidates(torch.cat(parts, 1), branch)
+        own = torch.full((int(settings.include_draft),), DRAFT)
+        return Candidates(torch.cat(parts, 1), torch.cat([own, branch]))
 
     def dream(self, state: State, candidates: Candidates | Tensor) -> Dream:
         """Predict the outcome of candidates; chunks have the shape (batch, candidates, horizon, 4, 3) [m]."""
         prediction = self.world_model(state, self.scale.normalize(_chunks(candidates)))
         for output in prediction:
             check_output("world model", output)
-        return Dream(prediction.latent, prediction.contact_loss.sigmoid(), prediction.grasp_loss.sigmoid())
+        latent, *logits = prediction
+        return Dream(latent, *[logit.sigmoid() for logit in logits])
 
     def score(
         self,
@@ -158,25 +133,26 @@ class DexFlexController(nn.Module, ModelHubMixin):
         Args:
             state: The encoded states.
             draft: Shape (batch, horizon, 4, 3) [m].
-            drafts_history: Shape (batch, 8, 4, 3) [m].
+            drafts_history: First steps of earlier drafts [m]. Shape (batch, 8, 4, 3).
             candidates: What to rank.
             latent: `Dream.latent` of the candidates; zeros hide it.
         """
         normalize = self.scale.normalize
-        scores = self.ranker(
-            state, normalize(draft), normalize(drafts_history), normalize(_chunks(candidates)), latent
-        )
+        past = (drafts_history / self.scale.scale[0, :, None]).clamp(-6.0, 6.0).flatten(1)
+        scores = self.ranker(state, normalize(draft), past, normalize(_chunks(candidates)), latent)
         return check_output("score", scores)
 
-    def decode(self, state: State, chunk: Tensor, latent: Tensor) -> Tensor:
-        """Return the correction of the raw joint targets of a chunk [rad]. Shape (batch, 16).
+    def decode(self, state: State, chunk: Tensor) -> Forces:
+        """Return the forces that the fingers should exert while a chunk is executed.
 
         Args:
             state: The encoded states.
             chunk: Shape (batch, horizon, 4, 3) [m].
-            latent: Its predicted outcome, zeros hide it. Shape (batch, latent_width).
         """
-        return check_output("decoder", self.decoder(state, self.scale.normalize(chunk), latent))
+        forces = self.decoder(state, self.scale.normalize(chunk))
+        for output in forces:
+            check_output("decoder", output)
+        return forces
 
     def select(
         self,
@@ -185,33 +161,23 @@ class DexFlexController(nn.Module, ModelHubMixin):
         drafts_history: Tensor,
         settings: SelectionSettings,
         noise: Tensor | None = None,
-        repaired: Tensor | None = None,
     ) -> Selection:
-        """Propose, dream, score, choose and decode; arguments as for `propose`."""
-        candidates = self.propose(state, draft, drafts_history, settings, noise, repaired)
+        """Propose, dream, score and choose; arguments as for `propose`."""
+        candidates = self.propose(state, draft, settings, noise)
         chunks = candidates.chunks
         dream = self.dream(state, candidates)
-        latent = dream.latent if settings.use_dream else torch.zeros_like(dream.latent)
         branch = candidates.branch.to(draft.device)
         if settings.use_score:
+            latent = dream.latent if settings.use_dream else torch.zeros_like(dream.latent)
             score = self.score(state, draft, drafts_history, candidates, latent)
-            score = score + settings.contact_bias * (branch == CONTACT)
+            score = score + settings.hysteresis * (branch == DRAFT)
         else:
             score = -distance_to(chunks, draft)
             if chunks.shape[1] > 1:  # The draft itself would always win.
                 score = score.masked_fill(branch == DRAFT, -torch.inf)
         best = score.argmax(1)
-        if settings.temperature > 0:
-            weights = (score / settings.temperature).softmax(1)
-            chunk = (weights[..., None, None, None] * chunks).sum(1)
-            outcome = (weights[..., None] * latent).sum(1)
-        else:
-            rows = torch.arange(len(best), device=best.device)
-            chunk, outcome = chunks[rows, best], latent[rows, best]
-        residual = chunk.new_zeros(len(chunk), HAND_DOFS)
-        if settings.use_residual:
-            residual = self.decode(state, chunk, outcome)
-        return Selection(settings.output_gain * chunk, residual, best, score, candidates, dream)
+        rows = torch.arange(len(best), device=best.device)
+        return Selection(chunks[rows, best], best, score, candidates, dream)
 
     def part_sizes(self) -> dict[str, int]:
         """Return the number of parameters of each part."""
@@ -266,3 +232,18 @@ class DexFlexController(nn.Module, ModelHubMixin):
 
 def _chunks(candidates: Candidates | Tensor) -> Tensor:
     return candidates.chunks if isinstance(candidates, Candidates) else candidates
+
+
+def _starts(settings: SelectionSettings) -> tuple[Tensor, Tensor]:
+    """Return flow times at which each finger of the drawn candidates starts (candidates, 4), and branches."""
+    fingers = len(FINGER_NAMES)
+    levels = settings.levels or (0.0,)
+    seeded = [[levels[k % len(levels)]] * fingers for k in range(settings.n_seeded)]
+    alone = []
+    for k in range(settings.n_finger):
+        one = [1.0] * fingers
+        one[k % fingers] = settings.finger_levels[k // fingers % len(settings.finger_levels)]
+        alone.append(one)
+    counts = torch.tensor([settings.n_pure, settings.n_seeded, settings.n_finger])
+    start = torch.tensor([[0.0] * fingers] * settings.n_pure + seeded + alone).reshape(-1, fingers)
+    return start, torch.tensor([PURE, SEEDED, FINGER]).repeat_interleave(counts)

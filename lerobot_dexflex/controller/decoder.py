@@ -1,4 +1,6 @@
-"""The decoder: a bounded correction of the joint targets that inverse kinematics gives for a chunk."""
+"""The decoder: which fingers should press, and with what force."""
+
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -8,30 +10,45 @@ from lerobot_dexflex.controller.chunks import residual_block
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.encoder import State
 
-HAND_DOFS = 16
+_LIKELY = 0.5
+
+
+class Forces(NamedTuple):
+    """What the decoder says of each finger, in its distal link's frame."""
+
+    vector: Tensor
+    """Force on the object if the finger is to press [N]. Shape (batch, 4, 3)."""
+    pressing: Tensor
+    """Logit that it is to press. Shape (batch, 4)."""
+
+    def grip(self) -> Tensor:
+        """Return the forces of fingers that are more likely to press than not, else zero. (batch, 4, 3)."""
+        return self.vector * (self.pressing.sigmoid() > _LIKELY)[..., None]
 
 
 class Decoder(nn.Module):
-    """Residual joint targets from state, chosen chunk and its predicted outcome; zero before training."""
+    """Contact forces from the state and the motion that is to be executed."""
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
-        width = config.decoder_width
-        self.bound = config.residual_bound
-        self.inputs = nn.Linear(config.feature_width + config.chunk_width + config.latent_width, width)
+        width, fingers = config.decoder_width, len(config.fingers)
+        self.scale, self.largest = config.force_scale, config.largest_force
+        self.inputs = nn.Linear(config.feature_width + config.chunk_width, width)
         self.first, self.second = nn.Linear(width, width), nn.Linear(width, width)
-        self.out = nn.Linear(width, HAND_DOFS)
-        nn.init.zeros_(self.out.weight)
-        nn.init.zeros_(self.out.bias)
+        self.third, self.fourth = nn.Linear(width, width), nn.Linear(width, width)
+        self.out = nn.Linear(width, 4 * fingers)
 
-    def forward(self, state: State, chunk: Tensor, latent: Tensor) -> Tensor:
-        """Return residual joint targets within the bound [rad]. Shape (batch, 16).
+    def forward(self, state: State, chunk: Tensor) -> Forces:
+        """Return the forces of every finger.
 
         Args:
             state: The encoded states.
-            chunk: Normalised. Shape (batch, chunk_width).
-            latent: Its predicted outcome; zeros hide it. Shape (batch, latent_width).
+            chunk: Normalised motion. Shape (batch, 4, horizon * 3).
         """
-        hidden = functional.silu(self.inputs(torch.cat([state.features, chunk, latent], -1)))
+        hidden = functional.silu(self.inputs(torch.cat([state.features, chunk.flatten(1)], -1)))
         hidden = residual_block(hidden, self.first, self.second)
-        return self.bound * torch.tanh(self.out(functional.silu(hidden)))
+        hidden = residual_block(hidden, self.third, self.fourth)
+        out = self.out(functional.silu(hidden)).unflatten(-1, (-1, 4))
+        vector = self.scale * out[..., :3]
+        size = vector.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        return Forces(vector * (self.largest / size).clamp(max=1.0), out[..., 3])

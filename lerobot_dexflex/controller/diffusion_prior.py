@@ -36,7 +36,7 @@ class DiffusionPrior(nn.Module):
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
-        self.width = config.chunk_width
+        self.width = config.finger_chunk_width
         self.network = Prior(config)
         self.register_buffer("signal", _cosine_signal(STEPS), persistent=False)
 
@@ -48,19 +48,19 @@ class DiffusionPrior(nn.Module):
         """Predict clean chunks.
 
         Args:
-            x: Noisy normalised chunks. Shape (batch, draws, chunk_width).
+            x: Noisy normalised chunks. Shape (batch, draws, 4, horizon * 3).
             level: Noise level, 1 (nearly clean) to `STEPS` (pure noise). Shape (batch, draws).
             context: The prepared states.
 
         Returns:
             Shape of `x`.
         """
-        t = 1 - level / STEPS
+        t = (1 - level / STEPS).unsqueeze(-1).expand(-1, -1, x.shape[2])
         return self.network.aim(x, t, torch.zeros_like(t), context)
 
     def corrupt(self, x_0: Tensor, level: Tensor, noise: Tensor) -> Tensor:
         """Return clean chunks at a noise level; shapes as for `denoise`."""
-        signal = self.signal[level][..., None]
+        signal = self.signal[level][..., None, None]
         return signal.sqrt() * x_0 + (1 - signal).sqrt() * noise
 
     def sample(self, noise: Tensor, draft: Tensor, guidance: float, steps: int, context: Context) -> Tensor:
@@ -72,8 +72,8 @@ class DiffusionPrior(nn.Module):
         strong: 0 samples the prior, and the larger it is the nearer is the result to the draft.
 
         Args:
-            noise: Standard normal. Shape (batch, draws, chunk_width).
-            draft: Normalised. Shape (batch, chunk_width).
+            noise: Standard normal. Shape (batch, draws, 4, horizon * 3).
+            draft: Normalised. Shape (batch, 4, horizon * 3).
             guidance: Strength alpha, not negative.
             steps: Denoising steps, 1 to `STEPS`.
             context: The prepared states.
@@ -96,11 +96,11 @@ class DiffusionPrior(nn.Module):
         """Return the mean squared error of predicted clean chunks at random noise levels.
 
         Args:
-            x_0: Normalised chunks. Shape (batch, chunk_width).
+            x_0: Normalised chunks. Shape (batch, 4, horizon * 3).
             state: The encoded states before them.
             draws: Pairs of level and noise per chunk.
         """
-        target = x_0.unsqueeze(1).expand(-1, draws, -1)
+        target = x_0.unsqueeze(1).expand(-1, draws, -1, -1)
         level = torch.randint(1, STEPS + 1, target.shape[:2], device=x_0.device)
         noisy = self.corrupt(target, level, torch.randn_like(target))
         return (self.denoise(noisy, level.to(x_0), self.context(state)) - target).square().mean()

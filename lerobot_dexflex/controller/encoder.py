@@ -9,11 +9,13 @@ from vector_quantize_pytorch import FSQ
 
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.history import History
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips
+from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, finger_frames, fingertips
 
 _FINGERS = 4
 _TOUCH_FEATURES = 48
 _HEADS = 4
+_LEAST_SUM, _FORCE_UNIT = 0.02, 4.0
+"""The centre of pressure fades out below this load, and loads count in this unit [N]."""
 
 
 class State(NamedTuple):
@@ -40,11 +42,16 @@ class State(NamedTuple):
 
 
 class TouchNet(nn.Module):
-    """Features of one fingertip's taxels: the frames are the channels of a small image."""
+    """Features of one fingertip's taxels: a small image whose channels are the frames; load and its centre."""
+
+    rows: Tensor
+    columns: Tensor
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
         frames, (rows, columns) = len(config.frames), config.taxels
+        self.register_buffer("rows", torch.linspace(-1, 1, rows), persistent=False)
+        self.register_buffer("columns", torch.linspace(-1, 1, columns), persistent=False)
         self.touch_scale = config.touch_scale
         self.convolutions = nn.Sequential(
             nn.Conv2d(frames, 12, 3, stride=2, padding=1),
@@ -52,14 +59,19 @@ class TouchNet(nn.Module):
             nn.Conv2d(12, 24, 3, padding=1),
             nn.ReLU(),
         )
-        self.out = nn.Linear(24 * (rows // 2) * (columns // 2) + frames, _TOUCH_FEATURES)
+        self.out = nn.Linear(24 * (rows // 2) * (columns // 2) + frames + 3, _TOUCH_FEATURES)
 
     def forward(self, tactile: Tensor) -> Tensor:
         """Map forces (batch, frames, 4, 10, 6) [N] to features (batch, 4, 48)."""
         images = tactile.transpose(1, 2)  # (batch, 4, frames, 10, 6)
-        loads = compress(images.sum((-1, -2)), self.touch_scale)
+        total = images.sum((-1, -2))  # (batch, 4, frames)
         maps = self.convolutions(compress(images, self.touch_scale).flatten(0, 1)).flatten(1)
-        return self.out(torch.cat([maps.unflatten(0, (-1, _FINGERS)), loads], -1))
+        newest, sum_now = images[:, :, 0], total[:, :, 0].clamp(min=_LEAST_SUM)
+        along = (newest.sum(-1) * self.rows).sum(-1) / sum_now
+        across = (newest.sum(-2) * self.columns).sum(-1) / sum_now
+        plain = torch.stack([along, across, total[:, :, 0] / _FORCE_UNIT], -1)
+        loads = compress(total, self.touch_scale)
+        return self.out(torch.cat([maps.unflatten(0, (-1, _FINGERS)), loads, plain], -1))
 
 
 class SlowToken(nn.Module):
@@ -112,7 +124,7 @@ class Encoder(nn.Module):
         frames = len(config.frames)
         self.touch = TouchNet(config)
         self.missing_touch = nn.Parameter(torch.zeros(_FINGERS, _TOUCH_FEATURES))
-        local = _TOUCH_FEATURES + frames * (4 + 3)
+        local = _TOUCH_FEATURES + frames * (4 + 3) + 9 + 3
         self.finger_bias = nn.Parameter(torch.randn(_FINGERS, 96) * 0.1)
         self.finger_in = nn.Linear(local, 96)
         self.finger_out = nn.Linear(96, config.finger_width)
@@ -142,7 +154,10 @@ class Encoder(nn.Module):
         if not self.config.use_touch:
             missing = torch.ones_like(missing)
         touch = torch.where(missing[..., None], self.missing_touch, self.touch(history.tactile))
-        local = torch.cat([touch, joints.transpose(1, 2).flatten(2), tips.transpose(1, 2).flatten(2)], -1)
+        rotation = finger_frames(history.joints[:, 0]).distal_rotation  # (batch, 4, 3, 3)
+        gravity = (rotation.mT @ history.gravity[:, None, :, None]).squeeze(-1)
+        moves = joints.transpose(1, 2).flatten(2), tips.transpose(1, 2).flatten(2)
+        local = torch.cat([touch, *moves, rotation.flatten(2), gravity], -1)
         hidden = functional.silu(self.finger_in(local) + self.finger_bias)
         fingers = _norm(self.finger_out(hidden))
         body = _norm(self.body(torch.cat([joints.flatten(1), tips.flatten(1), history.gravity], -1)))

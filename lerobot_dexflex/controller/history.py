@@ -90,7 +90,7 @@ class HistoryBuffer:
 
     @property
     def drafts(self) -> Tensor:
-        """First displacements of the drafts before this step, oldest first [m]. Shape (batch, 8, 4, 3)."""
+        """First steps of the drafts before this one, oldest first [m]. Shape (batch, 8, 4, 3)."""
         if self._drafts is None:
             raise DexFlexError("There are no drafts before the first observation; call `observe` first.")
         return self._drafts
@@ -152,7 +152,7 @@ class HistoryBuffer:
         )
 
     def remember(self, draft: Tensor) -> None:
-        """Take in the draft of this step, after it was used; its first displacement joins `drafts`.
+        """Take in the draft of this step, after it was used; its first step joins `drafts`.
 
         Args:
             draft: Shape (batch, horizon, 4, 3) [m].

@@ -1,7 +1,10 @@
-"""The prior: a few-step flow over chunks, given the state alone."""
+"""The prior: a few-step flow over chunks, given the state alone.
+
+Every finger is a token with a flow time of its own. So one finger can be drawn anew while the others stay
+what a draft says: what would an operator do with this finger here, if it did that with the others?
+"""
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -15,7 +18,6 @@ LAST_TIME = 0.95
 """Beyond this flow time the velocity is not sharpened further: its denominator stays bounded."""
 _FREQUENCIES = 16
 _MODULATIONS = 7
-_STEPS_PER_TOKEN = 2
 
 
 class Context(NamedTuple):
@@ -26,7 +28,7 @@ class Context(NamedTuple):
     values: Tensor
     """Shape (batch, heads, tokens, head_dim)."""
     summary: Tensor
-    """Shape (batch, 1, width)."""
+    """Shape (batch, 1, 1, width)."""
 
 
 class Block(nn.Module):
@@ -43,7 +45,7 @@ class Block(nn.Module):
         self.mlp = nn.Sequential(nn.Linear(width, 2 * width), nn.SiLU(), nn.Linear(2 * width, width))
 
     def forward(self, x: Tensor, modulation: Tensor, context: Context) -> Tensor:
-        """Transform x (batch, draws, tokens, width); modulation is (batch, draws, 1, 7, width)."""
+        """Transform x (batch, draws, fingers, width); modulation is (batch, draws, fingers, 7, width)."""
         shift1, scale1, gate1, gate2, shift3, scale3, gate3 = (modulation + self.offset).unbind(-2)
         x = x + gate1 * self._attend_chunk(_modulate(x, shift1, scale1))
         x = x + gate2 * self._attend_state(functional.layer_norm(x, x.shape[-1:]), context)
@@ -65,32 +67,30 @@ class Block(nn.Module):
 
 
 class Prior(nn.Module):
-    """A flow from noise (time 0) to normalised chunks (time 1) with steps of any size.
+    """A flow from noise (time 0) to normalised chunks (time 1) with steps of any size, finger by finger.
 
-    The network names the chunk x̂ at which a straight step of the given size aims; the velocity follows from
-    it as (x̂ - x) / (1 - t). A step of size 0 is ordinary flow matching; larger steps are trained to equal
+    The network names the chunk at which a straight step of the given size aims; the velocity follows from
+    it as (aim - x) / (1 - t). A step of size 0 is ordinary flow matching; larger steps are trained to equal
     two of half the size, from any start time, so that drafts can be joined at any level.
     """
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
-        width = config.prior_width
+        width, fingers = config.prior_width, len(config.fingers)
         self.heads = config.prior_heads
-        self.tokens = config.horizon // _STEPS_PER_TOKEN
-        element = config.chunk_width // self.tokens
         self.project = nn.ModuleList(
             nn.Linear(n, width)
             for n in (config.body_width, config.contact_width, config.finger_width, config.slow_width)
         )
-        self.finger_place = nn.Parameter(torch.randn(len(config.fingers), width) * 0.1)
+        self.finger_place = nn.Parameter(torch.randn(fingers, width) * 0.1)
         self.key_value = nn.Linear(width, 2 * width)
         self.time = nn.Linear(4 * _FREQUENCIES, width)
         modulation = nn.Linear(width, _MODULATIONS * width)
         self.modulation = nn.Sequential(nn.SiLU(), modulation)
-        self.chunk_in = nn.Linear(element, width)
-        self.place = nn.Parameter(torch.randn(self.tokens, width) * 0.1)
+        self.chunk_in = nn.Linear(config.finger_chunk_width, width)
+        self.place = nn.Parameter(torch.randn(fingers, width) * 0.1)
         self.blocks = nn.ModuleList(Block(width, config.prior_heads) for _ in range(config.prior_layers))
-        self.chunk_out = nn.Linear(width, element)
+        self.chunk_out = nn.Linear(width, config.finger_chunk_width)
         for layer in (modulation, self.chunk_out):
             nn.init.zeros_(layer.weight)
             nn.init.zeros_(layer.bias)
@@ -103,58 +103,51 @@ class Prior(nn.Module):
         tokens = torch.cat([torch.stack(single, 1), fingers], 1)
         tokens = functional.layer_norm(tokens, tokens.shape[-1:])
         keys, values = self.key_value(tokens).unflatten(-1, (2, self.heads, -1)).permute(2, 0, 3, 1, 4)
-        return Context(keys, values, tokens.mean(1, keepdim=True))
+        return Context(keys, values, tokens.mean(1, keepdim=True)[:, :, None])
 
     def aim(self, x: Tensor, t: Tensor, step: Tensor, context: Context) -> Tensor:
         """Return the chunk at which a step of this size points.
 
         Args:
-            x: Normalised chunks on their way. Shape (batch, draws, chunk_width).
-            t: Flow time. Shape (batch, draws).
-            step: Size of the step in flow time. Shape (batch, draws).
+            x: Normalised chunks on their way. Shape (batch, draws, 4, horizon * 3).
+            t: Flow time of every finger. Shape (batch, draws, 4).
+            step: Size of the step in flow time. Shape (batch, draws, 4).
             context: The prepared states.
 
         Returns:
             Shape of `x`.
         """
         condition = self.time(torch.cat([_waves(t), _waves(step)], -1)) + context.summary
-        modulation = self.modulation(condition).unflatten(-1, (_MODULATIONS, -1)).unsqueeze(2)
-        tokens = self.chunk_in(x.unflatten(-1, (self.tokens, -1))) + self.place
+        modulation = self.modulation(condition).unflatten(-1, (_MODULATIONS, -1))
+        tokens = self.chunk_in(x) + self.place
         for block in self.blocks:
             tokens = block(tokens, modulation, context)
-        return self.chunk_out(functional.layer_norm(tokens, tokens.shape[-1:])).flatten(-2)
+        return self.chunk_out(functional.layer_norm(tokens, tokens.shape[-1:]))
 
     def velocity(self, x: Tensor, t: Tensor, step: Tensor, context: Context) -> Tensor:
         """Return the mean dx/dt over a step that begins at (x, t); arguments as for `aim`."""
         return (self.aim(x, t, step, context) - x) / (1 - t).clamp(min=1 - LAST_TIME)[..., None]
 
-    def sample(self, x: Tensor, start: Sequence[float], steps: Sequence[int], context: Context) -> Tensor:
-        """Integrate every draw from its start time to 1, all in as few batched calls as the longest needs.
+    def sample(self, x: Tensor, start: Tensor, steps: int, context: Context) -> Tensor:
+        """Integrate every finger of every draw from its start time to 1, in as many batched calls as steps.
 
         Args:
-            x: Where the draws begin, noise or noisy drafts. Shape (batch, draws, chunk_width).
-            start: Start time of each draw, below 1.
-            steps: Number of steps of each draw.
+            x: Where the draws begin: noise, noisy drafts, or drafts. Shape (batch, draws, 4, horizon * 3).
+            start: Start time of each finger; at 1 it stays what it is. Shape (draws, 4).
+            steps: Number of steps.
             context: The prepared states.
 
         Returns:
             Clean normalised chunks. Shape of `x`.
         """
-        order = sorted(range(len(steps)), key=lambda i: -steps[i])
-        x = x[:, order]
-        begin, count = [start[i] for i in order], [steps[i] for i in order]
-        longest = count[0]
-        for k in range(longest):
-            # Draws with fewer steps join later, so that all arrive together; the longest come first.
-            active = sum(n >= longest - k for n in count)
-            size = x.new_tensor([(1 - begin[i]) / count[i] for i in range(active)])
-            done = x.new_tensor([count[i] - (longest - k) for i in range(active)])
-            t = (x.new_tensor(begin[:active]) + done * size).expand(len(x), -1)
-            moving, size = x[:, :active], size.expand(len(x), -1)
-            aim = self.aim(moving, t, size, context)
-            moved = moving + (aim - moving) * (size / (1 - t).clamp(min=1e-4)).clamp(max=1)[..., None]
-            x = torch.cat([moved, x[:, active:]], 1)
-        return x[:, torch.argsort(torch.tensor(order, device=x.device))]
+        size = ((1 - start) / steps).expand(len(x), -1, -1)
+        t = start.expand(len(x), -1, -1)
+        for _ in range(steps):
+            aim = self.aim(x, t, size, context)
+            share = torch.where(size > 0, size / (1 - t).clamp(min=1e-4), 0.0).clamp(max=1)
+            x = x + share[..., None] * (aim - x)
+            t = t + size
+        return x
 
 
 def _modulate(x: Tensor, shift: Tensor, scale: Tensor) -> Tensor:

@@ -28,14 +28,16 @@ class Score(nn.Module):
 
         Args:
             state: The encoded states.
-            draft: Normalised. Shape (batch, chunk_width).
-            drafts_history: Normalised. Shape (batch, 8 * 12).
-            chunks: Normalised candidates. Shape (batch, candidates, chunk_width).
+            draft: Normalised. Shape (batch, 4, horizon * 3).
+            drafts_history: First steps of earlier drafts, in units of the first step's scale. Shape (batch,
+                8 * 12).
+            chunks: Normalised candidates. Shape (batch, candidates, 4, horizon * 3).
             latent: The world model's predictions, zeros hide them. Shape (batch, candidates, latent_width).
 
         Returns:
             Shape (batch, candidates).
         """
+        draft, chunks = draft.flatten(1), chunks.flatten(2)
         row = self.from_state(torch.cat([state.features, draft, drafts_history], -1)).unsqueeze(1)
         candidate = self.from_candidate(torch.cat([chunks, chunks - draft.unsqueeze(1), latent], -1))
         hidden = residual_block(functional.silu(row + candidate), self.first, self.second)

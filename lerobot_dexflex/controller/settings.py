@@ -1,51 +1,8 @@
 """How candidates are proposed and chosen at run time; also the switches of the ablations."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 
 from lerobot_dexflex.errors import DexFlexError
-
-SEEDS = ("draft", "mean")
-"""Named starts of the draft-seeded branch; a number is the draft scaled by it."""
-
-
-@dataclass(frozen=True)
-class ProjectionSettings:
-    """Gains and limits of the contact projection, found on training objects (log in `eval/README.md`).
-
-    Raises:
-        DexFlexError: If a value is negative or no number.
-    """
-
-    gain: float = 0.6
-    """Share of the draft that loaded fingers execute."""
-    free_gain: float = 0.3
-    """Share of the draft that free fingers execute, and all while fewer than three carry load."""
-    internal_gain: float = 0.2
-    """Share of what loaded fingers do against each other, along their surfaces, that passes."""
-    planned_gain: float = 1.0
-    """The same where the draft is a plan: its steps differ. What a plan asks and does not get, it asks again
-    in the next step: damping would only make it late."""
-    closing_gain: float = 1.0
-    """Share of what they do against each other, into the object, that passes."""
-    opening_load: float = 1.0
-    """Out of the object the same share passes, but only of a finger with more than this load [N]. If nothing
-    passed, every inward error of a plan would stay in the grasp, until the fingers no longer are where it
-    takes them to be."""
-    speed: float = 1e-3
-    """Largest displacement of a fingertip before the squeeze is added [m] per step."""
-    squeeze_gain: float = 7e-5
-    """Inward displacement per missing newton and step [m/N]."""
-    preload: float = 4.0
-    """Normal force that the squeeze servo aims at [N]. From 2 to 4 N Reach's light objects fare alike; tools
-    need more."""
-    return_speed: float = 1.2e-3
-    """Inward displacement of a finger that lost the object up to 3 steps ago [m] per step."""
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if not value >= 0:
-                raise DexFlexError(f"`{each.name}` must be 0 or more. Got {value}.")
 
 
 @dataclass(frozen=True)
@@ -56,77 +13,57 @@ class SelectionSettings:
         DexFlexError: If a value is out of its range.
     """
 
-    n_pure: int = 7
+    n_pure: int = 32
     """Candidates drawn from the prior alone."""
-    n_seeded: int = 7
-    """Candidates drawn from the prior starting at a noisy draft."""
+    n_seeded: int = 15
+    """Candidates drawn from the prior starting at the noisy draft."""
+    n_finger: int = 16
+    """Candidates that follow the draft but for one finger, which is drawn anew."""
     include_draft: bool = True
     """Whether the exact draft is a candidate, so that doing nothing can be chosen."""
-    project: bool = True
-    """Whether the contact projection of the draft is a candidate, and what draft-seeded ones start from."""
-    projection: ProjectionSettings = field(default_factory=ProjectionSettings)
-    contact_bias: float = 12.0
-    """Added to the score of the contact projection: how much better another candidate must look."""
     levels: tuple[float, ...] = (0.5, 0.75)
     """Flow times at which draft-seeded candidates start: 0 is pure noise, 1 the draft itself."""
-    seeds: tuple[str, ...] = ("draft", "mean", "0.75", "0.5")
-    """What they start from: the draft, the mean of the recent drafts, or the draft scaled by a number."""
-    nfe: int = 4
-    """Integration steps from noise; draft-seeded candidates take proportionally fewer."""
-    prefix: int = 1
+    finger_levels: tuple[float, ...] = (0.0, 0.5)
+    """The same for the one finger that is drawn anew."""
+    nfe: int = 2
+    """Network evaluations per decision, whatever the starting level."""
+    prefix: int = 2
     """Control steps executed of a chosen chunk before choosing again."""
-    temperature: float = 0.0
-    """0 takes the best candidate; above, the mean of all weighted by softmax(score / temperature)."""
+    hysteresis: float = 0.0
+    """How much better than the draft, in units of the score, another candidate must look."""
     use_score: bool = True
     """Whether the learned score chooses; otherwise the proposal nearest to the draft."""
     use_dream: bool = True
-    """Whether score and decoder see the predicted latent."""
+    """Whether the score sees the predicted latent."""
     use_touch: bool = True
     """Whether the encoder sees touch."""
     use_slow: bool = True
     """Whether the networks see the slow token."""
-    use_residual: bool = False
-    """Whether the decoder corrects the joint targets. Off: it costs progress, .05 over the corruption
-    families, .07 on clean commands (30 tuning objects, log in `eval/README.md`)."""
-    output_gain: float = 1.0
-    """Scale of the executed displacement."""
+    grip: float = 0.0
+    """0: the decoder supplies the grip; above: every touching finger presses so hard [N], as `press` does."""
     seed: int = 0
     """Seed of the noise of candidates: the same for every row and step unless noise is given."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "levels", tuple(self.levels))
-        object.__setattr__(self, "seeds", tuple(self.seeds))
-        if min(self.n_pure, self.n_seeded) < 0 or self.n_candidates < 1:
+        for name in ("levels", "finger_levels"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        if min(self.n_pure, self.n_seeded, self.n_finger) < 0 or self.n_candidates < 1:
             raise DexFlexError(
                 f"There must be at least one candidate. Got n_pure {self.n_pure}, n_seeded {self.n_seeded}, "
-                f"include_draft {self.include_draft}, project {self.project}."
+                f"n_finger {self.n_finger}, include_draft {self.include_draft}."
             )
-        if self.n_seeded and not (self.levels and self.seeds):
-            raise DexFlexError("`levels` and `seeds` must not be empty while `n_seeded` is positive.")
-        if not all(0 < level < 1 for level in self.levels):
-            raise DexFlexError(f"`levels` must lie strictly between 0 and 1. Got {self.levels}.")
-        for seed in self.seeds:
-            if seed not in SEEDS and not _is_number(seed):
-                raise DexFlexError(
-                    f"`seeds` must be {', '.join(SEEDS)} or numbers such as '0.5'. Got {seed!r}."
-                )
+        for name, needed in (("levels", self.n_seeded), ("finger_levels", self.n_finger)):
+            levels = getattr(self, name)
+            if (needed and not levels) or not all(0 <= level < 1 for level in levels):
+                raise DexFlexError(f"`{name}` must hold flow times in [0, 1). Got {levels}.")
         if self.nfe < 1 or not 1 <= self.prefix <= 8:
             raise DexFlexError(f"`nfe` must be >= 1, `prefix` in [1, 8]. Got {self.nfe}, {self.prefix}.")
-        if self.temperature < 0 or self.output_gain < 0:
+        if not (self.hysteresis >= 0 and self.grip >= 0):
             raise DexFlexError(
-                f"`temperature` and `output_gain` must not be negative. Got {self.temperature}, "
-                f"{self.output_gain}."
+                f"`hysteresis` and `grip` must be 0 or more. Got {self.hysteresis}, {self.grip}."
             )
 
     @property
     def n_candidates(self) -> int:
         """Candidates per decision."""
-        return self.n_pure + self.n_seeded + self.include_draft + self.project
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+        return self.n_pure + self.n_seeded + self.n_finger + self.include_draft

@@ -18,6 +18,8 @@ class Prediction(NamedTuple):
     """Predicted z a horizon later. Shape (batch, candidates, latent_width)."""
     contact_loss: Tensor
     """Logit that a finger loaded now is unloaded at the end. Shape (batch, candidates, 4)."""
+    slip: Tensor
+    """Logit that a finger loaded now slips along the object. Shape (batch, candidates, 4)."""
     grasp_loss: Tensor
     """Logit that the grasp is lost within the horizon. Shape (batch, candidates)."""
 
@@ -27,18 +29,18 @@ class WorldModel(nn.Module):
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
-        width = config.world_width
-        self.latent_width = config.latent_width
+        width, fingers = config.world_width, len(config.fingers)
+        self.sizes = [config.latent_width, fingers, fingers, 1]
         self.from_state = nn.Linear(config.feature_width, width)
         self.from_chunk = nn.Linear(config.chunk_width, width, bias=False)
         self.first, self.second = nn.Linear(width, width), nn.Linear(width, width)
-        self.out = nn.Linear(width, config.latent_width + len(config.fingers) + 1)
+        self.out = nn.Linear(width, sum(self.sizes))
 
     def forward(self, state: State, chunks: Tensor) -> Prediction:
-        """Predict the outcome of normalised chunks, shape (batch, candidates, chunk_width)."""
+        """Predict the outcome of normalised chunks, shape (batch, candidates, 4, horizon * 3)."""
+        chunks = chunks.flatten(-2)
         hidden = functional.silu(self.from_state(state.features).unsqueeze(1) + self.from_chunk(chunks))
         out = self.out(functional.silu(residual_block(hidden, self.first, self.second)))
-        change, contact_loss, grasp_loss = torch.split(
-            out, [self.latent_width, out.shape[-1] - self.latent_width - 1, 1], -1
-        )
-        return Prediction(state.latent.unsqueeze(1) + change, contact_loss, grasp_loss.squeeze(-1))
+        change, contact_loss, slip, grasp_loss = torch.split(out, self.sizes, -1)
+        latent = state.latent.unsqueeze(1) + change
+        return Prediction(latent, contact_loss, slip, grasp_loss.squeeze(-1))

@@ -1,9 +1,10 @@
-"""Kind 2: take an object from a fixture, carry it for a while, give it back and let go.
+"""Kind 1: take an object from a fixture, carry it for a while, give it back and let go.
 
 The grasp is known to hold; the script finds a way to it. The fixture is the scene's weld: it carries the
 object until all fingers squeeze, and again before they open.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,14 +12,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.world import Support, World
 from lerobot_dexflex.envs.reach import DROP_STEPS, ReachEpisode
 from lerobot_dexflex.experts.command import min_jerk
+from lerobot_dexflex.experts.reach.operator import LARGEST_TORQUE, Guidance, Operator
 from lerobot_dexflex.experts.reach.sensing import Senses
-from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand import kernels, leap
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 
 Array = NDArray[np.float64]
@@ -29,12 +32,13 @@ _RETREAT_INCREMENTS = 12
 _ATTEMPTS = 4
 _OVERLAP = 0.0005
 _TOUCHED = 2 * CONTACT_FORCE
-_CLOSE_STEPS = 25
-_FIRM_SHARE, _PRESS, _PRESS_STEPS = 0.8, 0.0005, 16
-"""Fingers press on in such steps [m] until they carry this share of the grasp's forces, or so many steps."""
+_CLOSE_STEPS = 30
+_DEPTH = 0.004
+"""How deep the way in leads into the object [m]: the fingers stop where they touch."""
 _MAX_STEP = 0.006
-"""Longest displacement per control step [m]."""
+"""Longest motion per control step [m]."""
 _SOFTNESS = (0.01, 0.06)
+_LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
 
 
 class Opening(NamedTuple):
@@ -43,18 +47,16 @@ class Opening(NamedTuple):
     joints: Array
     """Joint posture of the open hand [rad]. Shape (16,)."""
     near: Array
-    """Commanded tips just before the object [m]. Shape (4, 3)."""
+    """Tips just before the object [m]. Shape (4, 3)."""
     closed: Array
-    """Commanded tips that hold the object [m]. Shape (4, 3)."""
-    loads: Array
-    """Normal forces of the grasp [N]; zero for fingers that take no part. Shape (4,)."""
+    """Tips that hold the object [m]. Shape (4, 3)."""
     inward: Array
     """Contact normals of the grasp into the object; zero for fingers that take no part. Shape (4, 3)."""
 
     @property
     def active(self) -> NDArray[np.bool_]:
         """Which fingers grasp. Shape (4,)."""
-        return self.loads > 0
+        return np.abs(self.inward).max(1) > 0
 
 
 def find_opening(env: CorpusEnv, episode: ReachEpisode, rng: np.random.Generator) -> Opening | None:
@@ -68,7 +70,6 @@ def find_opening(env: CorpusEnv, episode: ReachEpisode, rng: np.random.Generator
     env.start(episode, World())
     now = Senses(env).read()
     width = rng.uniform(*_OPENING, 4)
-    closed = kernels.fingertips(env.command)
     for _ in range(_ATTEMPTS):
         joints = now.joints
         for share in np.linspace(0, 1, _RETREAT_INCREMENTS + 1)[1:]:
@@ -77,8 +78,8 @@ def find_opening(env: CorpusEnv, episode: ReachEpisode, rng: np.random.Generator
         env.data.qpos[:16] = joints
         mujoco.mj_forward(env.model, env.data)
         if env.data.ncon == 0 or env.data.contact.dist.min() > -_OVERLAP:
-            loads = np.where(now.loads > CONTACT_FORCE, now.loads, 0.0)
-            return Opening(joints, now.tips - _NEAR * now.inward, closed, loads, now.inward)
+            inward = now.inward * (now.loads > CONTACT_FORCE)[:, None]
+            return Opening(joints, now.tips - _NEAR * inward, now.tips, inward)
         width *= 0.75
     return None
 
@@ -99,110 +100,132 @@ class Acquisition:
     Args:
         opening: The way in.
         rng: Source of randomness: paces, pauses, how long to carry.
+        strength: Factor of the executed squeeze.
     """
 
-    def __init__(self, opening: Opening, rng: np.random.Generator) -> None:
-        self._opening, self._rng = opening, rng
-        self._phases = [self._approach, self._close, self._squeeze, self._carry, self._let_go, self._retreat]
+    def __init__(self, opening: Opening, rng: np.random.Generator, strength: float = 1.0) -> None:
+        self._opening, self._rng, self._strength = opening, rng, strength
+        self._phases: list[Callable[[RunningEpisode], Guidance | None]] = [
+            self._approach,
+            self._close,
+            self._squeeze,
+            self._carry,
+            self._let_go,
+            self._retreat,
+        ]
         self._timer = 0
         self._start, self._target, self._inward = np.zeros((3, 4, 3))
-        self._duration = self._pause = 0
+        self._duration = 0
         self._delay = rng.integers(0, 6, 4)
         self._touched = ~opening.active
-        self._extra = np.zeros(4)
+        self._operator: Operator | None = None
         self._follower: GoalFollower | None = None
 
-    def label(self, run: RunningEpisode) -> Array | None:
-        """Return the displacement toward the phase's next waypoint; None once it is over or lost."""
+    def guide(self, run: RunningEpisode) -> Guidance | None:
+        """Return the phase's guidance; None once all is over or the object is lost."""
         if run.lost_steps >= DROP_STEPS:
             return None
         while self._phases:
-            label = self._phases[0](run)
+            guidance = self._phases[0](run)
             self._timer += 1
-            if label is not None:
-                return label
+            if guidance is not None:
+                return guidance
             self._phases.pop(0)
             self._timer = 0
         return None
 
-    def _approach(self, run: RunningEpisode) -> Array | None:
+    def _approach(self, run: RunningEpisode) -> Guidance | None:
         """Bring the pads in front of the object, one finger later than another."""
         if self._timer == 0:
-            self._start, self._duration = run.command, int(self._rng.integers(12, 26))
+            self._begin(run, self._opening.near, 12, 26)
         if self._timer >= self._duration + self._delay.max():
             return None
-        return _toward(run, self._way(run.command, self._opening.near, self._opening.active))
+        return self._on_the_way(run)
 
-    def _close(self, run: RunningEpisode) -> Array | None:
+    def _close(self, run: RunningEpisode) -> Guidance | None:
         """Move every finger on until it touches."""
         if self._timer == 0:
-            self._start, self._duration = run.command, int(self._rng.integers(6, 16))
+            self._begin(run, self._opening.closed + _DEPTH * self._opening.inward, 8, 18)
         self._touched |= run.now.loads > _TOUCHED
         if self._touched.all() or self._timer >= _CLOSE_STEPS:
             return None
-        share = min(1.0, (self._timer + 1) / self._duration)
-        targets = self._start + share * (self._opening.closed - self._start)
-        return _toward(run, np.where(self._touched[:, None], run.command, targets))
+        return self._on_the_way(run, waiting=self._touched)
 
-    def _squeeze(self, run: RunningEpisode) -> Array | None:
-        """Build up the forces that hold the object, pressing further where the pad is not loaded enough."""
+    def _squeeze(self, run: RunningEpisode) -> Guidance | None:
+        """Build up the forces that hold the object, the fixture still carrying it."""
         if self._timer == 0:
-            self._start, self._duration = run.command, int(self._rng.integers(4, 11))
-            self._delay, self._pause = np.zeros(4, int), int(self._rng.integers(2, 6))
-        weak = run.now.loads < _FIRM_SHARE * self._opening.loads
-        patience = _PRESS_STEPS if weak.any() else self._pause
-        if self._timer >= self._duration + patience:
-            return None
-        if self._timer >= self._duration:
-            self._extra += _PRESS * weak
-        target = self._opening.closed + self._extra[:, None] * self._opening.inward
-        return _toward(run, self._way(run.command, target, self._opening.active))
+            self._operator = Operator(run.senses, self._rng, self._strength)
+            self._duration = int(self._rng.integers(6, 14))
+        assert self._operator is not None
+        return None if self._timer >= self._duration else self._operator.guide(run.now)
 
-    def _carry(self, run: RunningEpisode) -> Array | None:
+    def _carry(self, run: RunningEpisode) -> Guidance | None:
         """Take the object from the fixture and lead it to goals."""
         if self._timer == 0:
             run.env.world.supports[-1].stop = run.env.clock
-            self._follower = GoalFollower(run, self._rng, int(self._rng.integers(15, 60)))
+            steps = int(self._rng.integers(15, 60))
+            self._follower = GoalFollower(run, self._rng, steps, self._strength)
         assert self._follower is not None
-        return self._follower.label(run)
+        return self._follower.guide(run)
 
-    def _let_go(self, run: RunningEpisode) -> Array | None:
+    def _let_go(self, run: RunningEpisode) -> Guidance | None:
         """Give the object back to a fixture where it is and take the squeeze away."""
         if self._timer == 0:
             softness = float(self._rng.uniform(*_SOFTNESS))
             pose = tuple(run.now.position.tolist()), tuple(run.now.quaternion.tolist())
             run.env.world.supports.append(Support(run.env.clock, None, *pose, softness))
-            self._duration, self._pause = int(self._rng.integers(4, 10)), int(self._rng.integers(0, 4))
-        elapsed = self._timer - self._pause
-        if elapsed < 0:
-            return np.zeros((4, 3))
-        if elapsed == 0:
-            self._start, self._inward = run.command, run.now.inward
-            self._target = run.now.tips
-        if elapsed >= self._duration:
+            self._duration, self._inward = int(self._rng.integers(3, 8)), run.now.inward
+        if self._timer >= self._duration:
             return None
-        share = (elapsed + 1) / self._duration
-        return _toward(run, self._start + share * (self._target - self._start))
+        return self._relax(run, 1.0 - (self._timer + 1) / self._duration)
 
-    def _retreat(self, run: RunningEpisode) -> Array | None:
+    def _retreat(self, run: RunningEpisode) -> Guidance | None:
         """Move the pads away from the object."""
         if self._timer == 0:
-            self._start, self._duration = run.command, int(self._rng.integers(10, 24))
+            away = self._rng.uniform(*_OPENING, (4, 1)) * self._inward
+            self._begin(run, run.now.tips - away, 10, 24)
             self._delay = self._rng.integers(0, 5, 4)
-            self._target = self._start - self._rng.uniform(*_OPENING, (4, 1)) * self._inward
         if self._timer >= self._duration + self._delay.max():
             return None
-        return _toward(run, self._way(run.command, self._target, np.abs(self._inward).max(1) > 0))
+        return self._on_the_way(run)
 
-    def _way(self, command: Array, target: Array, active: NDArray[np.bool_]) -> Array:
-        """Return the minimum-jerk waypoints between start and target; idle fingers stay."""
-        phase = np.clip((self._timer + 1 - self._delay) / self._duration, 0, 1)
-        share = np.array([min_jerk(float(p)) for p in phase])[:, None]
-        return np.where(active[:, None], self._start + share * (target - self._start), command)
+    def _begin(self, run: RunningEpisode, target: Array, shortest: int, longest: int) -> None:
+        self._start, self._target = run.now.tips.copy(), target
+        self._duration = int(self._rng.integers(shortest, longest))
+
+    def _relax(self, run: RunningEpisode, share: float) -> Guidance:
+        """Return guidance that stays and presses with a share of the forces of holding."""
+        assert self._follower is not None
+        held = self._follower.operator.guide(run.now)
+        tips = np.tile(run.now.tips, (DRAFT_HORIZON, 1, 1))
+        forces, grip = share * held.forces, share * held.grip
+        return Guidance(tips, forces, grip, held.points, _joints(run, tips[0], grip, held.points))
+
+    def _on_the_way(self, run: RunningEpisode, waiting: NDArray[np.bool_] | None = None) -> Guidance:
+        """Return guidance along the minimum-jerk way from start to target, without force.
+
+        Args:
+            run: The episode.
+            waiting: Fingers that stay where they are. Shape (4,).
+        """
+        tips = np.empty((DRAFT_HORIZON, 4, 3))
+        place = run.now.tips
+        for ahead in range(DRAFT_HORIZON):
+            phase = np.clip((self._timer + 1 + ahead - self._delay) / self._duration, 0, 1)
+            share = np.array([min_jerk(float(p)) for p in phase])[:, None]
+            way = self._start + share * (self._target - self._start) - place
+            length = np.linalg.norm(way, axis=1, keepdims=True)
+            place = place + way * np.minimum(1.0, _MAX_STEP / np.maximum(length, 1e-9))
+            tips[ahead] = place
+        if waiting is not None:
+            tips[:, waiting] = run.now.tips[waiting]
+        still = np.zeros((4, 3))
+        return Guidance(tips, still, still, run.now.tips, _joints(run, tips[0], still, run.now.tips))
 
 
-def _toward(run: RunningEpisode, targets: Array) -> Array:
-    """Return the displacement from the commanded tips to targets, shortened to a human pace."""
-    way = targets - run.command
-    length = np.linalg.norm(way, axis=1, keepdims=True)
-    return way * np.minimum(1.0, _MAX_STEP / np.maximum(length, 1e-9))
+def _joints(run: RunningEpisode, tips: Array, grip: Array, points: Array) -> Array:
+    """Return joint targets [rad] (16,) that bring the tips somewhere and press."""
+    solved = kernels.solve_fingertips(tips, run.env.command if not grip.any() else run.now.joints)
+    torques = kernels.contact_torques(run.now.joints, points, grip)
+    leads = np.clip(torques, -LARGEST_TORQUE, LARGEST_TORQUE) / leap.KP
+    return np.clip(solved + leads, _LOWER, _UPPER)

@@ -4,12 +4,11 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from lerobot_dexflex.corpus.schema import ACQUIRED, FAILED, INTERFACED, OPERATED, SEARCH, SOURCES
+from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED
 from lerobot_dexflex.errors import DexFlexError
 
 FIRST_SEED = {"train": 0, "tune": 10_000, "test": 20_000}
 """Seed of the first object of every split. The benchmark's objects begin at 100 000, never used here."""
-STAGES = ("corpus", "replays")
 
 
 @dataclass
@@ -30,16 +29,10 @@ class Jobs:
 class Shares:
     """Shares of the kept control steps."""
 
-    search: float = 0.35
-    """Search expert: chains of goals, replayed without its failures."""
-    operated: float = 0.45
-    """Operator under corrupted commands, pushes and slips, with clean stretches."""
-    acquired: float = 0.10
+    operated: float = 0.85
+    """The operator leads the object to goals under spoilt drafts, pushes and slips, with clean stretches."""
+    acquired: float = 0.15
     """Taking from a fixture and giving back."""
-    interfaced: float = 0.0
-    """Like `operated`, executed by an interface (DAgger)."""
-    failed: float = 0.10
-    """Branches that the search gave up."""
 
     def __post_init__(self) -> None:
         shares = list(self.by_kind.values())
@@ -49,45 +42,13 @@ class Shares:
     @property
     def by_kind(self) -> dict[int, float]:
         """Shares by kind of episode."""
-        return {
-            SEARCH: self.search,
-            OPERATED: self.operated,
-            ACQUIRED: self.acquired,
-            INTERFACED: self.interfaced,
-            FAILED: self.failed,
-        }
-
-
-@dataclass
-class Replays:
-    """What `--stage=replays` plays back."""
-
-    per_shard: int = 800
-    """Replays of one shard; snapshots are drawn from all that are left in it."""
-    expert: float = 0.25
-    prior: float = 0.25
-    perturbed: float = 0.3
-    draft_seeded: float = 0.2
-
-    def __post_init__(self) -> None:
-        shares = self.shares
-        if min(shares) < 0 or abs(sum(shares) - 1.0) > 1e-6:
-            raise DexFlexError(
-                f"The shares of `replays` must not be negative and must sum to 1. Got {shares}."
-            )
-
-    @property
-    def shares(self) -> tuple[float, ...]:
-        """Shares in the order of `schema.SOURCES`."""
-        return tuple(getattr(self, source.replace("-", "_")) for source in SOURCES)
+        return {OPERATED: self.operated, ACQUIRED: self.acquired}
 
 
 @dataclass
 class CorpusConfig:
-    """Generate the controller's training data, or replays of what it holds."""
+    """Generate the controller's training data."""
 
-    stage: str = "corpus"
-    """`corpus` or `replays`; replays read the finished corpus in `output`."""
     output: Path = Path("outputs/corpus/reach")
     """Folder of the corpus; must not exist, or must hold a corpus of the same recipe."""
     seed: int = 0
@@ -99,15 +60,8 @@ class CorpusConfig:
     steps_per_object: int = 600
     """Kept control steps per object, on average."""
     shares: Shares = field(default_factory=Shares)
-    interface: str = ""
-    """Interface that executes the episodes of kind 3; empty if there are none."""
-    controller: str = ""
-    """Folder of a trained controller, for the interface and for the replays' proposals."""
-    replays: Replays = field(default_factory=Replays)
 
     def __post_init__(self) -> None:
-        if self.stage not in STAGES:
-            raise DexFlexError(f"`stage` must be one of {STAGES}. Got {self.stage!r}.")
         if self.seed < 0 or self.workers < 0:
             raise DexFlexError(
                 f"`seed` and `workers` must not be negative. Got {self.seed} and {self.workers}."
@@ -116,11 +70,6 @@ class CorpusConfig:
             raise DexFlexError(
                 "`objects_per_job` and `steps_per_object` must be positive. "
                 f"Got {self.objects_per_job} and {self.steps_per_object}."
-            )
-        if bool(self.shares.interfaced) != bool(self.interface):
-            raise DexFlexError(
-                "`shares.interfaced` and `interface` belong together: name the interface that shall execute, "
-                f"or set the share to 0. Got {self.shares.interfaced} and {self.interface!r}."
             )
         limit = FIRST_SEED["tune"] - FIRST_SEED["train"], 1000, 1000
         for split, most in zip(FIRST_SEED, limit, strict=True):
@@ -139,12 +88,9 @@ class CorpusConfig:
         return list(range(first, first + self.objects_per_job))
 
 
-_DECISIVE = {
-    "corpus": ("seed", "objects_per_job", "steps_per_object", "shares", "interface", "controller"),
-    "replays": ("seed", "controller", "replays"),
-}
+_DECISIVE = ("seed", "objects_per_job", "steps_per_object", "shares")
 
 
-def identity(config: dict[str, Any], stage: str) -> dict[str, Any]:
-    """Return the entries of `CorpusConfig.to_dict()` on which every shard of a stage depends."""
-    return {key: config.get(key) for key in _DECISIVE[stage]}
+def identity(config: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries of `CorpusConfig.to_dict()` on which every shard depends."""
+    return {key: config.get(key) for key in _DECISIVE}

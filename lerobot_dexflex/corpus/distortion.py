@@ -1,4 +1,4 @@
-"""Bad commands with breaks: spoilt stretches bring the hand off its way, clean ones show the way back."""
+"""Bad drafts with breaks: spoilt stretches bring the hand off its way, clean ones show the way back."""
 
 import numpy as np
 import torch
@@ -15,44 +15,47 @@ _STRETCH = (6, 25)
 """Control steps of a stretch, the upper end excluded."""
 _STRENGTHS = {
     "noise": (0.0005, 0.004),
-    "scale": (0.4, 1.6),
-    "delay": (1, 5),
+    "scale": (0.4, 1.8),
+    "delay": (1, 4),
     "removal": (0.001, 0.004),
-    "bias": (0.0003, 0.0015),
+    "bias": (0.0003, 0.002),
 }
-"""Range of every family: [m], [1], [control steps], [m] per step, [m] per step."""
+"""Range of every family: [m], [1], [control steps], [m] per step, [m]."""
+_SHARES = (0.2, 0.1, 0.1, 0.5, 0.1)
+"""Removals most: they alone take a contact away."""
 
 
 def sample_errors(rng: np.random.Generator, clean_share: float = _CLEAN_SHARE) -> CommandErrors:
     """Draw a family and a strength; a share stays clean."""
     if rng.random() < clean_share:
         return NO_ERRORS
-    family = str(rng.choice(list(_STRENGTHS)))
+    family = str(rng.choice(list(_STRENGTHS), p=_SHARES))
     low, high = _STRENGTHS[family]
     strength = float(rng.integers(low, high + 1)) if family == "delay" else float(rng.uniform(low, high))
     return CommandErrors((CommandError(family, strength),))
 
 
 class Distortion:
-    """Spoil an operator's displacements and say when they are to be executed.
+    """Spoil an operator's drafts and say when they are to be executed.
 
     Args:
-        errors: What happens to the commands.
+        errors: What happens to the drafts.
         rng: Source of randomness, of everything in the episode.
     """
 
     def __init__(self, errors: CommandErrors, rng: np.random.Generator) -> None:
         self._stream, self._rng = ErrorStream(1), rng
-        # Clean commands draw what all errors draw at first, so that a seed goes on as it always has.
-        errors = errors or CommandErrors.of(scale=1.0)
         self._stream.begin(0, errors, [rng for _ in errors])
         self._active, self._left = False, int(rng.integers(*_STRETCH))
 
-    def step(self, label: Array, now: HandState) -> tuple[Array, bool]:
-        """Return the spoilt displacement [m] (4, 3) and whether it, not the label, is executed."""
+    def step(self, plan: Array, now: HandState) -> tuple[Array, bool]:
+        """Return the spoilt draft [m] (8, 4, 3) and whether it, not the operator's own, is executed."""
         if self._left == 0:
             self._active, self._left = not self._active, int(self._rng.integers(*_STRETCH))
         self._left -= 1
-        clean, loads, inward = (torch.from_numpy(np.array([part])) for part in (label, now.loads, now.inward))
-        draft = self._stream.step(self._stream.delayed(clean)[:, None], loads, inward)
-        return draft[0, 0].numpy(), self._active
+        motion, tips, loads, inward = (
+            torch.from_numpy(np.array([part])) for part in (plan, now.tips, now.loads, now.inward)
+        )
+        here = tips[:, None]
+        draft = self._stream.delayed(here + motion) - here
+        return self._stream.step(draft, tips, loads, inward)[0].numpy(), self._active

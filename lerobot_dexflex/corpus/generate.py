@@ -10,8 +10,7 @@ from tqdm import tqdm
 
 from lerobot_dexflex.corpus.config import CorpusConfig
 from lerobot_dexflex.corpus.job import run_job
-from lerobot_dexflex.corpus.manifest import close_folder, open_folder, shard_jobs, stage_folder
-from lerobot_dexflex.corpus.replays import run_replays
+from lerobot_dexflex.corpus.manifest import close_folder, open_folder, shard_jobs
 from lerobot_dexflex.corpus.shard import read_header, shard_path
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.runs.lock import locked
@@ -36,7 +35,7 @@ def generate(config: CorpusConfig, arguments: list[str] | None = None) -> bool:
         DexFlexError: If the folder holds something else, or another process works in it. Finished shards
             are never lost.
     """
-    with locked(stage_folder(config)):
+    with locked(config.output):
         return _generate(config, arguments)
 
 
@@ -44,7 +43,7 @@ def _generate(config: CorpusConfig, arguments: list[str] | None) -> bool:
     origin = provenance("dexflex-corpus", [_JOB], arguments)
     open_folder(config, origin)
     jobs = shard_jobs(config)
-    folder = stage_folder(config)
+    folder = config.output
     paths = [shard_path(folder / split, number) for split, number in jobs]
     missing = [k for k, path in enumerate(paths) if not path.is_file()]
     if not _run(config, origin["commit"], jobs, paths, missing):
@@ -92,8 +91,7 @@ def _run(
 
 def _run_each(config: CorpusConfig, commit: str, jobs: tuple[tuple[str, int], ...], number: int) -> int:
     split, job = jobs[number]
-    run: Any = run_job if config.stage == "corpus" else run_replays
-    run(config, commit, split, job)
+    run_job(config, commit, split, job)
     return number
 
 

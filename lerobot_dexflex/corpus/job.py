@@ -11,16 +11,13 @@ from lerobot_dexflex.corpus.config import CorpusConfig
 from lerobot_dexflex.corpus.distortion import Distortion, sample_errors
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.episode import RunningEpisode
-from lerobot_dexflex.corpus.execution import Driven, run_interface, run_raw
 from lerobot_dexflex.corpus.goal_follower import GoalFollower
-from lerobot_dexflex.corpus.manifest import kind_key, stage_folder
-from lerobot_dexflex.corpus.schema import ACQUIRED, INTERFACED, OPERATED, SEARCH
-from lerobot_dexflex.corpus.searched import search_episode
+from lerobot_dexflex.corpus.manifest import kind_key
+from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED
 from lerobot_dexflex.corpus.shard import Shard, concatenate, shard_path, write_shard
 from lerobot_dexflex.corpus.world import World, vary_object
 from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.interfaces.method import make_interface
 
 Episodes = dict[int, ReachEpisode]
 """Start of every object, by its seed."""
@@ -29,7 +26,10 @@ _EPISODE_STEPS = (60, 180)
 _MAX_ROUNDS = 12
 """After so many rounds through its objects a job is content with fewer steps."""
 _DISTORTED = 0.3
-"""How often the commands of an acquisition are spoilt."""
+"""How often the drafts of an acquisition are spoilt."""
+_DISTURBED = 0.7
+_STRENGTH = (0.6, 1.8)
+"""Factor of the squeeze that is executed: the right grip has to be felt."""
 
 
 def run_job(config: CorpusConfig, commit: str, split: str, number: int) -> None:
@@ -49,27 +49,22 @@ def run_job(config: CorpusConfig, commit: str, split: str, number: int) -> None:
     parts: list[Shard] = []
     for kind, source in _SOURCES.items():
         if budgets[kind]:
-            parts += _fill(source(config, env, episodes), budgets, kind)
-    if config.shares.interfaced:
-        parts += _fill(_interfaced(config, episodes), budgets, INTERFACED)
+            parts += _fill(source(config, env, episodes), budgets[kind], kind)
     for part in parts:
         part.episodes[0]["commit"] = commit
     shard = concatenate(parts)
     totals = shard.totals | _contact_patterns(shard)
     totals |= {"objects": len(episodes), "cpu_seconds": time.process_time() - begun}
-    write_shard(shard_path(stage_folder(config) / split, number), shard._replace(totals=totals))
+    write_shard(shard_path(config.output / split, number), shard._replace(totals=totals))
 
 
-def _fill(source: Iterator[Shard], budgets: dict[int, float], kind: int) -> Iterator[Shard]:
-    """Yield episodes until the budget of `kind` is spent; a search's failures spend their own."""
-    left = dict(budgets)
+def _fill(source: Iterator[Shard], budget: float, kind: int) -> Iterator[Shard]:
+    """Yield episodes until the budget of control steps is spent."""
     for episode in source:
-        own, rows = episode.episodes[0]["kind"], len(episode.tensors["step"])
-        if left[own] > 0:
-            left[own] -= rows
-            totals = episode.totals | {"steps": rows, "episodes": 1, kind_key(own): rows}
-            yield episode._replace(totals=totals)
-        if left[kind] <= 0:
+        rows = len(episode.tensors["step"])
+        budget -= rows
+        yield episode._replace(totals=episode.totals | {"steps": rows, "episodes": 1, kind_key(kind): rows})
+        if budget <= 0:
             return
 
 
@@ -82,25 +77,21 @@ def _rounds(
             yield seed, episode, np.random.default_rng((config.seed, seed, kind, attempt))
 
 
-def _searched(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Iterator[Shard]:
-    for seed, episode, rng in _rounds(config, episodes, SEARCH):
-        yield from search_episode(env, _varied(episode, rng), World.sample(rng), rng, {"seed": seed})
-
-
 def _operated(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Iterator[Shard]:
+    """Lead objects to goals under spoilt drafts, in most episodes with wrenches and slips, too."""
     for seed, episode, rng in _rounds(config, episodes, OPERATED):
-        driven = _driven(env, episode, rng, OPERATED, seed)
-        run_raw(driven)
-        yield _finished(driven)
-
-
-def _interfaced(config: CorpusConfig, episodes: Episodes) -> Iterator[Shard]:
-    waiting = (
-        _driven(CorpusEnv(), episode, rng, INTERFACED, seed)
-        for seed, episode, rng in _rounds(config, episodes, INTERFACED)
-    )
-    for driven in run_interface(waiting, make_interface(config.interface, config.controller), len(episodes)):
-        yield _finished(driven)
+        world, steps = World.sample(rng), int(rng.integers(*_EPISODE_STEPS))
+        varied = _varied(episode, rng)
+        if rng.random() < _DISTURBED:
+            world.disturb(rng, steps, varied.object_spec.mass)
+        errors, strength = sample_errors(rng), float(rng.uniform(*_STRENGTH))
+        facts = {"seed": seed, "errors": errors.name, "strength": strength}
+        run = RunningEpisode(env, varied, world, OPERATED, facts)
+        leader = GoalFollower(run, rng, steps, strength)
+        run.run(leader, Distortion(errors, rng))
+        goals = {"goals_attempted": leader.attempted, "goals_solved": leader.solved}
+        facts.update(goals)
+        yield run.finish()._replace(totals=goals)
 
 
 def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Iterator[Shard]:
@@ -110,33 +101,13 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
             continue
         world = World.sample(rng)
         errors = sample_errors(rng, clean_share=1.0 - _DISTORTED)
-        facts = {"seed": seed, "corruption": errors.name}
-        run = RunningEpisode(
-            env, open_episode(_varied(episode, rng), world, opening, rng), world, ACQUIRED, facts
-        )
-        leader = Acquisition(opening, rng)
-        run_raw(Driven(run, leader, Distortion(errors, rng)))
+        strength = float(rng.uniform(*_STRENGTH))
+        facts = {"seed": seed, "errors": errors.name, "strength": strength}
+        opened = open_episode(_varied(episode, rng), world, opening, rng)
+        run = RunningEpisode(env, opened, world, ACQUIRED, facts)
+        run.run(Acquisition(opening, rng, strength), Distortion(errors, rng))
         facts["released"] = not run.lost_steps
         yield run.finish()._replace(totals={"acquisitions": 1, "released": int(facts["released"])})
-
-
-def _driven(env: CorpusEnv, episode: ReachEpisode, rng: np.random.Generator, kind: int, seed: int) -> Driven:
-    """Start an operator under spoilt commands, in half of the episodes with pushes and slips too."""
-    world, steps = World.sample(rng), int(rng.integers(*_EPISODE_STEPS))
-    episode = _varied(episode, rng)
-    if rng.random() < 0.5:
-        world.disturb(rng, steps, episode.object_spec.mass)
-    errors = sample_errors(rng)
-    run = RunningEpisode(env, episode, world, kind, {"seed": seed, "corruption": errors.name})
-    return Driven(run, GoalFollower(run, rng, steps), Distortion(errors, rng))
-
-
-def _finished(driven: Driven) -> Shard:
-    leader = driven.leader
-    assert isinstance(leader, GoalFollower)
-    goals = {"goals_attempted": leader.attempted, "goals_solved": leader.solved}
-    driven.run.facts.update(goals)
-    return driven.run.finish()._replace(totals=goals)
 
 
 def _varied(episode: ReachEpisode, rng: np.random.Generator) -> ReachEpisode:
@@ -154,7 +125,6 @@ def _contact_patterns(shard: Shard) -> dict[str, float]:
 
 
 _SOURCES: dict[int, Callable[[CorpusConfig, CorpusEnv, Episodes], Iterator[Shard]]] = {
-    SEARCH: _searched,
     OPERATED: _operated,
     ACQUIRED: _acquired,
 }

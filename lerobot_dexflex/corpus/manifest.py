@@ -15,22 +15,17 @@ _CARD = "README.md"
 """May wait in the folder for the data that it describes."""
 
 
-def stage_folder(config: CorpusConfig) -> Path:
-    """Return where the shards of the stage lie, in folders by split, beside its recipe."""
-    return config.output if config.stage == "corpus" else config.output / "replays"
-
-
 def open_folder(config: CorpusConfig, origin: dict[str, Any]) -> None:
-    """Create or continue the folder of a stage.
+    """Create or continue the folder of a corpus.
 
     Raises:
         DexFlexError: If it holds something else, or another recipe; nothing is changed then.
     """
-    folder = stage_folder(config)
+    folder = config.output
     recipe = folder / RECIPE
     if recipe.is_file():
-        have = identity(_read(recipe), config.stage)
-        wanted = identity(config.to_dict(), config.stage)
+        have = identity(_read(recipe))
+        wanted = identity(config.to_dict())
         different = [
             f"{key}: {have[key]} there, {wanted[key]} now" for key in wanted if have[key] != wanted[key]
         ]
@@ -57,7 +52,7 @@ def close_folder(
     """Write the recipe with the totals of the finished shards and return the totals."""
     totals = {split: _summary(paths) for split, paths in shards.items() if paths}
     recipe = {"complete": True, "recipe": config.to_dict(), "origin": origin, "totals": totals}
-    _write(stage_folder(config) / RECIPE, recipe)
+    _write(config.output / RECIPE, recipe)
     return totals
 
 

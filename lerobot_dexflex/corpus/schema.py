@@ -6,27 +6,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
 
 Tensors = dict[str, NDArray[Any]]
 
-FORMAT = "1"
-HORIZON = 8
-"""Control steps of an expert chunk and of a replay."""
+FORMAT = "2"
 SNAPSHOT_INTERVAL = 8
 """Control steps from one kept simulator state to the next."""
 
-SEARCH, OPERATED, ACQUIRED, INTERFACED, FAILED = range(5)
-KINDS = (
-    "search expert",
-    "operator under corrupted commands",
-    "acquisition and release",
-    "interface in the loop",
-    "failed search branch",
-)
+OPERATED, ACQUIRED = range(2)
+KINDS = ("operator", "acquisition and release")
 """Meaning of the column `kind`."""
-SOURCES = ("expert", "prior", "perturbed", "draft-seeded")
-"""Meaning of the replays' column `source`."""
 
 
 class Column(NamedTuple):
@@ -39,19 +30,20 @@ class Column(NamedTuple):
     meaning: str
 
 
+_TIPS_AHEAD = (DRAFT_HORIZON, 4, 3)
 COLUMNS = {
     "joints": Column((16,), "float32", "rad", "measured joints before the step"),
     "fingertips": Column((4, 3), "float32", "m", "measured tips before the step, palm frame"),
     "gravity": Column((3,), "float32", "1", "unit direction of gravity, palm frame"),
     "tactile": Column((240,), "float16", "N", "taxels before the step, 4 fingers x 10 x 6"),
-    "command": Column((4, 3), "float32", "m", "commanded tips before the step, palm frame"),
-    "draft": Column((4, 3), "float32", "m", "displacement that the (corrupted) operator asked for"),
-    "label": Column((4, 3), "float32", "m", "displacement that the clean expert wants in this state"),
-    "executed": Column((4, 3), "float32", "m", "executed displacement of the commanded tips"),
+    "draft": Column(_TIPS_AHEAD, "float16", "m", "where tips should be ahead, minus `fingertips`; spoilt"),
+    "plan": Column(_TIPS_AHEAD, "float16", "m", "the same as the operator wants it in this state"),
+    "forces": Column((4, 3), "float32", "N", "forces on the object that the operator wants, palm frame"),
+    "wanted": Column((4, 3), "float32", "m", "where the executed command wants the tips, palm frame"),
     "joint_targets": Column((16,), "float32", "rad", "executed joint command"),
-    "label_joints": Column((16,), "float32", "rad", "joint command that the label would have given"),
     "loads": Column((4,), "float32", "N", "true normal force of each tip on the object before the step"),
-    "expert": Column((), "bool", "", "whether the executed displacement is the label"),
+    "object": Column((7,), "float32", "m, 1", "true pose of the object before the step (w x y z), palm frame"),
+    "expert": Column((), "bool", "", "whether the operator's own command is executed"),
     "lost": Column((), "bool", "", "whether after the step fewer than 2 tips are loaded or the object left"),
     "step": Column((), "int16", "1", "control step within the episode, 0 first"),
     "episode": Column((), "int32", "1", "index into the shard's list of episodes"),
@@ -65,20 +57,6 @@ SNAPSHOT_COLUMNS = {
     "snapshot_command": Column((16,), "float64", "rad", "joint command before the step"),
 }
 """Tensors over the K kept simulator states of a shard."""
-
-REPLAY_COLUMNS = {
-    "shard": Column((), "int32", "1", "number of the shard that holds the initial state"),
-    "row": Column((), "int32", "1", "row of the initial state in that shard; its history is read there"),
-    "source": Column((), "uint8", "1", "index into SOURCES"),
-    "chunk": Column((HORIZON, 4, 3), "float32", "m", "displacements executed raw on the commanded tips"),
-    "joints": Column((HORIZON, 16), "float32", "rad", "measured joints after each step"),
-    "fingertips": Column((HORIZON, 4, 3), "float32", "m", "measured tips after each step"),
-    "tactile": Column((HORIZON, 240), "float16", "N", "taxels after each step"),
-    "loads": Column((HORIZON, 4), "float32", "N", "normal force of each tip after each step"),
-    "lost": Column((), "bool", "", "whether the grasp is lost: 2 steps in a row, or at the end"),
-    "object_motion": Column((2,), "float32", "m, rad", "how far the object went and turned"),
-}
-"""Tensors over the R replays of a replay shard."""
 
 
 def check_rows(tensors: Mapping[str, NDArray[Any]], episodes: Sequence[Mapping[str, Any]]) -> None:
@@ -106,14 +84,6 @@ def check_rows(tensors: Mapping[str, NDArray[Any]], episodes: Sequence[Mapping[s
         raise DexFlexError(f"`snapshot_step` must increase within [0, {rows}). Got {at.tolist()}.")
     if rows and tensors["kind"].max() >= len(KINDS):
         raise DexFlexError(f"`kind` must be below {len(KINDS)}. Got {tensors['kind'].max()}.")
-
-
-def check_replays(tensors: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse tensors that are no shard of replays; see `check_rows`."""
-    _check_keys(tensors, REPLAY_COLUMNS)
-    rows = _check_columns(tensors, REPLAY_COLUMNS)
-    if rows and tensors["source"].max() >= len(SOURCES):
-        raise DexFlexError(f"`source` must be below {len(SOURCES)}. Got {tensors['source'].max()}.")
 
 
 def _check_keys(tensors: Mapping[str, Any], columns: Mapping[str, Column]) -> None:

@@ -14,7 +14,6 @@ from lerobot_dexflex.corpus.schema import (
     FORMAT,
     SNAPSHOT_COLUMNS,
     Tensors,
-    check_replays,
     check_rows,
 )
 from lerobot_dexflex.errors import DexFlexError
@@ -43,12 +42,6 @@ def write_shard(path: Path, shard: Shard) -> None:
     _write(path, shard.tensors, header)
 
 
-def write_replays(path: Path, tensors: Tensors, totals: dict[str, float]) -> None:
-    """Check a shard of replays and write it; a crash leaves no half-written file under its name."""
-    check_replays(tensors)
-    _write(path, tensors, {"totals": json.dumps(totals)})
-
-
 def read_shard(path: Path) -> Shard:
     """Read and check a shard.
 
@@ -59,14 +52,6 @@ def read_shard(path: Path) -> Shard:
     shard = Shard(load_file(path), header["episodes"], header["totals"])
     check_rows(shard.tensors, shard.episodes)
     return shard
-
-
-def read_replays(path: Path) -> Tensors:
-    """Read and check a shard of replays."""
-    read_header(path)
-    tensors = load_file(path)
-    check_replays(tensors)
-    return tensors
 
 
 def read_header(path: Path) -> dict[str, Any]:

@@ -17,24 +17,31 @@ from lerobot_dexflex.hand.objects import ObjectSpec
 
 _JOINTS = len(HAND_JOINTS)
 _GAIN, _DAMPING = (0.85, 1.15), (0.7, 1.5)
-_MASS, _FRICTION = (0.85, 1.2), (0.85, 1.25)
+_MASS, _MASS_RANGE = (0.6, 1.5), (0.02, 0.3)
+_FRICTION, _FRICTION_RANGE = (0.75, 1.25), (0.4, 1.2)
 _MAX_JOINT_NOISE = 0.004
 _MAX_GRAVITY_RATE = 0.2
-_PUSH_SHARE, _MAX_PUSH = (0.2, 1.0), 2.0
-_PUSH_STEPS, _SLIP_STEPS, _SLIP_SHARE = (2, 7), (4, 13), (0.3, 0.7)
+_PUSH_SHARE, _MAX_PUSH, _MAX_TWIST = (0.2, 1.0), 2.0, 0.03
+_PUSH_STEPS, _LOAD_STEPS, _LOAD_SHARE = (2, 7), (15, 60), 0.4
+"""Of blows and of lasting loads (a lever, a thread, something scraped); and the share of the latter."""
+_SLIP_STEPS, _SLIP_SHARE = (4, 13), (0.3, 0.7)
+_MAX_SWAY, _SWAY_PERIOD = 4.0, (15.0, 60.0)
+"""Acceleration of a moving palm [m/s^2], and control steps of its period."""
 _MEAN_INTERVAL = 50
 """Control steps from one push, and from one slip, to the next."""
 
 
 @dataclass(frozen=True)
 class Push:
-    """A force on the object's centre of mass."""
+    """A force on the object's centre of mass, and a torque: a blow, or a lasting load."""
 
     start: int
     """Control step of the episode at which it begins."""
     steps: int
     force: tuple[float, ...]
     """In the palm frame [N]."""
+    torque: tuple[float, ...]
+    """In the palm frame [N m]."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +81,10 @@ class World:
     """Share of the joints' damping."""
     joint_noise: float = 0.0
     """Standard deviation of measured joints [rad]."""
+    sway: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Amplitude of the palm's acceleration, which the object feels [m/s^2], palm frame."""
+    sway_period: float = 1.0
+    """Of that [control steps]."""
     pushes: list[Push] = field(default_factory=list)
     slips: list[Slip] = field(default_factory=list)
     supports: list[Support] = field(default_factory=list)
@@ -91,13 +102,24 @@ class World:
         )
 
     def disturb(self, rng: np.random.Generator, steps: int, mass: float) -> None:
-        """Add random pushes and slips within `steps` control steps for an object of `mass` [kg]."""
+        """Let the palm move, add random wrenches and slips within `steps` control steps.
+
+        Args:
+            rng: Source of randomness.
+            steps: Length of the episode [control steps].
+            mass: Of the object [kg].
+        """
         weight = max(mass * GRAVITY, 1.0)
+        if rng.random() < 0.5:
+            self.sway = tuple((rng.uniform(0, _MAX_SWAY) * _direction(rng)).tolist())
+            self.sway_period = float(rng.uniform(*_SWAY_PERIOD))
         for start in _starts(rng, steps):
-            direction = rng.normal(size=3)
-            size = min(rng.uniform(*_PUSH_SHARE) * weight, _MAX_PUSH)
-            force = tuple((size * direction / np.linalg.norm(direction)).tolist())
-            self.pushes.append(Push(start, int(rng.integers(*_PUSH_STEPS)), force))
+            force = min(rng.uniform(*_PUSH_SHARE) * weight, _MAX_PUSH) * _direction(rng)
+            torque = rng.uniform(0, _MAX_TWIST) * _direction(rng)
+            length = _LOAD_STEPS if rng.random() < _LOAD_SHARE else _PUSH_STEPS
+            self.pushes.append(
+                Push(start, int(rng.integers(*length)), tuple(force.tolist()), tuple(torque.tolist()))
+            )
         for start in _starts(rng, steps):
             self.slips.append(Slip(start, int(rng.integers(*_SLIP_STEPS)), float(rng.uniform(*_SLIP_SHARE))))
 
@@ -110,6 +132,7 @@ class World:
         """Return the world that `to_dict` described."""
         events = {
             "gains": tuple(values["gains"]),
+            "sway": tuple(values["sway"]),
             "pushes": [Push(**entry) for entry in values["pushes"]],
             "slips": [Slip(**entry) for entry in values["slips"]],
             "supports": [Support(**entry) for entry in values["supports"]],
@@ -118,8 +141,9 @@ class World:
 
 
 def vary_object(spec: ObjectSpec, rng: np.random.Generator) -> ObjectSpec:
-    """Return the object with a little other mass and friction."""
-    mass, friction = spec.mass * rng.uniform(*_MASS), spec.friction * rng.uniform(*_FRICTION)
+    """Return the object with another mass and friction, which nobody sees."""
+    mass = np.clip(spec.mass * rng.uniform(*_MASS), *_MASS_RANGE)
+    friction = np.clip(spec.friction * rng.uniform(*_FRICTION), *_FRICTION_RANGE)
     return replace(spec, mass=float(mass), friction=float(friction))
 
 
@@ -144,11 +168,13 @@ class WorldPhysics:
     def apply(self, data: mujoco.MjData, step: int) -> None:
         """Set forces, friction and support of a control step; call before every step."""
         world, model = self._world, self._model
-        force = np.zeros(3)
+        wave = np.sin(2 * np.pi * step / world.sway_period)
+        wrench = np.zeros(6)
+        wrench[:3] = model.body_mass[self._object] * wave * np.array(world.sway)
         for push in world.pushes:
             if push.start <= step < push.start + push.steps:
-                force += push.force
-        data.xfrc_applied[self._object, :3] = force
+                wrench += (*push.force, *push.torque)
+        data.xfrc_applied[self._object] = wrench
         share = min((s.share for s in world.slips if s.start <= step < s.start + s.steps), default=1.0)
         model.geom_friction[self._tips, 0] = share * self._friction
         support = self.support_at(step)
@@ -168,3 +194,8 @@ class WorldPhysics:
 
 def _starts(rng: np.random.Generator, steps: int) -> list[int]:
     return sorted(rng.integers(0, steps, rng.poisson(steps / _MEAN_INTERVAL)).tolist())
+
+
+def _direction(rng: np.random.Generator) -> np.ndarray:
+    direction = rng.normal(size=3)
+    return direction / np.linalg.norm(direction)

@@ -1,4 +1,4 @@
-"""Draft, dream, select: execute what the controller foresees to keep contact and still follow the draft."""
+"""Draft, dream, select, grip: execute what the controller foresees to keep contact and still follow the draft."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,25 +9,27 @@ import torch
 from torch import Tensor
 
 from lerobot_dexflex.controller import DexFlexController, History, Selection, SelectionSettings, State
-from lerobot_dexflex.controller.projection import project_draft
 from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.kinematics import finger_frames, pads
 from lerobot_dexflex.interfaces.explanation import Choice
+from lerobot_dexflex.interfaces.grip import Grip, ServoSettings, centres_of_pressure, loads_of
 from lerobot_dexflex.interfaces.learned import LearnedInterface, Sensed
 from lerobot_dexflex.interfaces.plan import Plan
 from lerobot_dexflex.interfaces.registry import INTERFACES
 
 SLOW_PERIOD = 8
 """Control steps for which a slow token is kept."""
+NO_SERVO = ServoSettings(gain=0.0, back=0.0)
+"""Learned forces are fed forward alone: a servo on the felt load costs progress (log in `eval/LOG.md`)."""
 
 
 class DexFlexInterface(LearnedInterface):
-    """Choose among the draft, the prior's chunks and chunks around the draft by their dreamed outcome.
+    """Choose among the draft, the prior's chunks and chunks around the draft; supply the grip of the chosen.
 
-    Receding horizon: `settings.prefix` displacements of a chosen chunk are executed, then it chooses again.
-    Between two choices no network runs; the correction of the joints stays that of the choice. Noise is the
-    same in every row and step, so a hand does in a batch what it does alone. Satisfies `Interface`; a draft
-    of None is one that came too late.
+    Receding horizon: `settings.prefix` steps of a chosen chunk are executed, then it chooses again; the grip is
+    decoded anew in every step. Noise is the same in every row and step, so a hand does in a batch what it does
+    alone. Satisfies `Interface`; a draft of None is one that came too late.
 
     Args:
         controller: The controller, its folder or hub id; the shipped one if None.
@@ -43,6 +45,7 @@ class DexFlexInterface(LearnedInterface):
     ) -> None:
         super().__init__(controller)
         self.settings = settings or SelectionSettings()
+        self._grip = Grip(NO_SERVO)
         self._plan: Plan | None = None
         self._slow: Tensor | None = None
         self._slow_age: Tensor | None = None
@@ -50,6 +53,7 @@ class DexFlexInterface(LearnedInterface):
     def reset(self, mask: Tensor | None = None) -> None:
         """Begin a new episode in the rows of `mask`, or in all."""
         super().reset(mask)
+        self._grip.reset(mask)
         if mask is None or self._plan is None or self._slow_age is None:
             self._plan = self._slow = self._slow_age = None
             return
@@ -59,37 +63,74 @@ class DexFlexInterface(LearnedInterface):
 
     @torch.no_grad()
     def step(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Tensor:
-        """Return the joint targets of the chosen chunk's next displacement; see `Interface.step`."""
+        """Return the joint targets of the chosen chunk's next step and its grip; see `Interface.step`."""
         with self._all_or_nothing():
             targets = self._step(observation, draft)
         return targets.to(observation[STATE].dtype if draft is None else draft.dtype)
 
+    @property
+    def _parts(self) -> tuple[Any, ...]:
+        return (*super()._parts, self._grip)
+
     def _step(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Tensor:
         sensed = self._sense(observation, draft)
+        tips = sensed.measured.tips
         if self._slow_age is None:
-            rows, device = len(sensed.joints), sensed.joints.device
-            self._slow_age = torch.full((rows,), SLOW_PERIOD, dtype=torch.int64, device=device)
+            shape, device = (len(tips),), tips.device
+            self._slow_age = torch.full(shape, SLOW_PERIOD, dtype=torch.int64, device=device)
+        history = sensed.history if self.settings.use_touch else sensed.history.without_touch()
+        state = self._encode(history)
         if self._plan is None:
-            plan = self._choose(sensed)
+            plan = self._choose(sensed, state)
         else:
             plan = self._plan
             due = plan.age >= self.settings.prefix
             if due.any():
-                plan = plan.renewed(due, self._choose(sensed))
+                plan = plan.renewed(due, self._choose(sensed, state))
         self._plan, self._slow_age = plan.older(), self._slow_age + 1
-        return self._execute(sensed, plan.displacement().double(), plan.residual.double(), plan.choice)
+        ahead = plan.motion(tips)
+        forces = self._forces(sensed, state, ahead)
+        motion = ahead[:, 0]
+        joints = self._press(sensed, history, motion, forces)
+        self._explain(sensed, motion, forces, plan.choice)
+        return joints
 
-    def _choose(self, sensed: Sensed) -> Plan:
-        draft = sensed.draft.draft.float()
-        history = sensed.history if self.settings.use_touch else sensed.history.without_touch()
-        state = self._encode(history)
-        past, repaired = sensed.drafts_history, None
-        if self.settings.project:
-            repaired = project_draft(draft, history, past, self.settings.projection)
-        selection = self.controller.select(state, draft, past, self.settings, repaired=repaired)
-        choice = self._explain(state, draft, past, selection)
+    def _choose(self, sensed: Sensed, state: State) -> Plan:
+        draft, past = sensed.draft.draft.float(), sensed.drafts_history
+        selection = self.controller.select(state, draft, past, self.settings)
+        choice = self._compare(state, draft, past, selection)
         age = torch.zeros(len(draft), dtype=torch.int64, device=draft.device)
-        return Plan(selection.chunk, selection.residual, choice, age)
+        chunk = selection.chunk.double()
+        if self.settings.include_draft:  # Executed as it came, not as float32 has it.
+            obeyed = (selection.best == 0)[:, None, None, None]
+            chunk = torch.where(obeyed, sensed.draft.draft, chunk)
+        return Plan(sensed.measured.tips[:, None] + chunk, choice, age)
+
+    def _forces(self, sensed: Sensed, state: State, ahead: Tensor) -> Tensor:
+        """Return the forces of the grip in the palm frame [N]. Shape (batch, 4, 3), float64."""
+        joints = sensed.measured.joints
+        if self.settings.grip:
+            holding = self._grip.feel(self._loads(sensed, sensed.history))
+            return self.settings.grip * pads(joints)[1] * holding[..., None]
+        local = self.controller.decode(state, ahead.float()).grip().double()
+        rotation = finger_frames(joints).distal_rotation
+        return (rotation @ local[..., None]).squeeze(-1)
+
+    def _press(self, sensed: Sensed, history: History, motion: Tensor, forces: Tensor) -> Tensor:
+        joints = sensed.measured.joints
+        loads = self._loads(sensed, history)
+        if not self.settings.grip:
+            self._grip.feel(loads)
+        felt = sensed.touch.tactile.double().unflatten(1, (4, -1))
+        felt = felt.masked_fill(history.tactile_missing[..., None], 0.0).flatten(1)
+        points = centres_of_pressure(joints, felt)
+        torques, push = self._grip.exert(joints, forces, loads, points)
+        return self.move(sensed.measured, motion, push, torques)
+
+    @staticmethod
+    def _loads(sensed: Sensed, history: History) -> Tensor:
+        """Return the felt load of each finger [N], NaN where touch is missing. Shape (batch, 4)."""
+        return loads_of(sensed.touch.tactile).double().masked_fill(history.tactile_missing, torch.nan)
 
     def _encode(self, history: History) -> State:
         """Encode the past; slow tokens are renewed in the rows where they are `SLOW_PERIOD` steps old."""
@@ -104,7 +145,7 @@ class DexFlexInterface(LearnedInterface):
         self._slow_age = self._slow_age.masked_fill(old, 0)
         return self.controller.encode(history, self._slow)
 
-    def _explain(self, state: State, draft: Tensor, drafts_history: Tensor, selection: Selection) -> Choice:
+    def _compare(self, state: State, draft: Tensor, drafts_history: Tensor, selection: Selection) -> Choice:
         """Compare the chosen candidate with the raw draft, which is dreamed also where it is no candidate."""
         rows, best = torch.arange(len(draft), device=draft.device), selection.best
         dream, score = selection.dream, selection.score
@@ -120,6 +161,8 @@ class DexFlexInterface(LearnedInterface):
             draft_score=raw_score[:, 0],
             contact_loss=dream.contact_loss[rows, best],
             draft_contact_loss=raw_dream.contact_loss[:, 0],
+            slip=dream.slip[rows, best],
+            draft_slip=raw_dream.slip[:, 0],
             grasp_loss=dream.grasp_loss[rows, best],
             draft_grasp_loss=raw_dream.grasp_loss[:, 0],
         )
@@ -137,14 +180,17 @@ def make_dexflex(controller: str | Path | None, ablation: str = "", **options: A
 
 
 def ablated(settings: SelectionSettings, ablation: str) -> SelectionSettings:
-    """Return the settings without one part; every ablation chooses among as many candidates.
+    """Return the settings without one part; ablations of the branches choose among as many candidates.
 
     Raises:
         DexFlexError: If there is no such ablation.
     """
+    drawn = settings.n_pure + settings.n_seeded + settings.n_finger
     match ablation:
         case "":
             return settings
+        case "noselection":
+            return replace(settings, n_pure=0, n_seeded=0, n_finger=0, include_draft=True)
         case "noscore":
             return replace(settings, use_score=False)
         case "notouch":
@@ -154,8 +200,13 @@ def ablated(settings: SelectionSettings, ablation: str) -> SelectionSettings:
         case "noslow":
             return replace(settings, use_slow=False)
         case "nopure":
-            return replace(settings, n_pure=0, n_seeded=settings.n_pure + settings.n_seeded)
+            return replace(settings, n_pure=0, n_seeded=settings.n_seeded + settings.n_pure)
         case "noseeded":
-            total = settings.n_candidates
-            return replace(settings, n_pure=total, n_seeded=0, include_draft=False, project=False)
+            return replace(settings, n_pure=drawn + 1, n_seeded=0, n_finger=0, include_draft=False)
+        case "nogrip":
+            return replace(settings, grip=_PRESS)
     raise DexFlexError(f"Unknown ablation {ablation!r}. Valid: {', '.join(INTERFACES['dexflex'].ablations)}.")
+
+
+_PRESS = 1.8
+"""Force of `press` that the ablation `nogrip` has instead of the decoder's [N]."""

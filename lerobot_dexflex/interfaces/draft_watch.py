@@ -11,32 +11,32 @@ from lerobot_dexflex.interfaces.commanded_hand import check_draft
 
 DRAFT_HEALTH = ("ok", "late", "clipped")
 """What a draft can be; `DraftReading.health` holds indices into it."""
-LARGEST_DISPLACEMENT = 0.015
-"""Displacements are clipped here, per axis and control step [m]: 0.3 m/s, twice what 99 % of the experts'
-steps stay below."""
+LARGEST_STEP, LARGEST_OFFSET = 0.03, 0.12
+"""Drafts are clipped to so much per axis in their first step, and in any [m]: a hand cannot do more, and does
+not reach farther."""
 
 _OK, _LATE, _CLIPPED = range(len(DRAFT_HEALTH))
-_MEANING = f"displacements of the four commanded fingertips [m] over {DRAFT_HORIZON} control steps"
+_MEANING = f"where the four fingertips should be, minus where they are measured [m], over {DRAFT_HORIZON} steps"
 
 
 class DraftReading(NamedTuple):
     """A draft that is safe to compute with."""
 
     draft: Tensor
-    """Displacements [m], float64. Shape (batch, 8, 4, 3)."""
+    """Where tips should be, minus where they are measured [m], float64. Shape (batch, 8, 4, 3)."""
     health: Tensor
     """Index into `DRAFT_HEALTH`. Shape (batch,)."""
 
 
 class DraftWatch:
-    """Judge drafts, row by row, remembering the last one.
+    """Judge drafts, row by row, remembering where the last one led.
 
     A late draft (None) is replaced by the rest of the last one, followed by rest: the hand goes on for at
-    most 7 steps and then holds. A draft far outside of what a hand can do is clipped.
+    most 7 steps and then stays where that ended. A draft far outside of what a hand can do is clipped.
     """
 
     def __init__(self) -> None:
-        self._last: Tensor | None = None
+        self._last: Tensor | None = None  # Positions [m] (batch, 8, 4, 3); NaN after a reset.
 
     def reset(self, mask: Tensor | None = None) -> None:
         """Forget the drafts of the rows in `mask`, shape (batch,), or of all."""
@@ -44,28 +44,29 @@ class DraftWatch:
             self._last = None
             return
         mask = torch.as_tensor(mask, dtype=torch.bool, device=self._last.device)
-        self._last = self._last.masked_fill(mask[:, None, None, None], 0.0)
+        self._last = self._last.masked_fill(mask[:, None, None, None], torch.nan)
 
-    def look(self, draft: Tensor | None, like: Tensor) -> DraftReading:
+    def look(self, draft: Tensor | None, tips: Tensor) -> DraftReading:
         """Judge this step's draft; call it once per control step.
 
         Args:
             draft: A draft that `checked_draft` accepts.
-            like: Any tensor of shape (batch, ...) on the right device.
+            tips: Measured fingertips [m], float64. Shape (batch, 4, 3).
         """
-        rows = len(like)
-        if self._last is None:
-            shape = (rows, DRAFT_HORIZON, 4, 3)
-            self._last = torch.zeros(shape, dtype=torch.float64, device=like.device)
-        health = torch.zeros(rows, dtype=torch.int64, device=like.device)
+        here = tips[:, None]
+        health = torch.zeros(len(tips), dtype=torch.int64, device=tips.device)
         if draft is None:
-            current = torch.cat([self._last[:, 1:], torch.zeros_like(self._last[:, :1])], 1)
+            last = here.expand(-1, DRAFT_HORIZON, -1, -1) if self._last is None else self._last
+            left = torch.cat([last[:, 1:], last[:, -1:]], 1)
+            current = torch.where(left.isnan(), 0.0, left - here)
             health = health + _LATE
         else:
-            wild = (draft.abs() > LARGEST_DISPLACEMENT).flatten(1).any(1)
-            current = draft.double().clamp(-LARGEST_DISPLACEMENT, LARGEST_DISPLACEMENT)
+            bound = draft.new_full((DRAFT_HORIZON, 1, 1), LARGEST_OFFSET, dtype=torch.float64)
+            bound[0] = LARGEST_STEP
+            wild = (draft.abs() > bound).flatten(1).any(1)
+            current = torch.minimum(torch.maximum(draft.double(), -bound), bound)
             health = torch.where(wild, _CLIPPED, health)
-        self._last = current
+        self._last = here + current
         return DraftReading(current, health)
 
 
@@ -81,6 +82,6 @@ def checked_draft(draft: Tensor | None, rows: int) -> Tensor | None:
     if draft.shape[1] != DRAFT_HORIZON:
         raise DexFlexError(
             f"The controller looks {DRAFT_HORIZON} control steps ahead; the draft has {draft.shape[1]}. "
-            "Cut it, or repeat its last displacement where there is no plan."
+            "Cut it, or repeat its last step where there is no plan."
         )
     return checked

@@ -4,10 +4,31 @@ The registry imports this by name, so that a new entry is no new version of ever
 follows its own module (`runs.provenance`).
 """
 
-from lerobot_dexflex.interfaces.options import NUMBER, SWITCH
+from collections.abc import Mapping
+
+from lerobot_dexflex.interfaces.controller_folder import CONTROLLER_FILES
+from lerobot_dexflex.interfaces.options import NUMBER, NUMBERS, SWITCH, WHOLE, Kind
 from lerobot_dexflex.interfaces.registry import InterfaceEntry, register
 
 _HERE = "lerobot_dexflex.interfaces"
+SELECTION_OPTIONS: Mapping[str, Kind] = {
+    "n_pure": WHOLE,
+    "n_seeded": WHOLE,
+    "n_finger": WHOLE,
+    "include_draft": SWITCH,
+    "levels": NUMBERS,
+    "finger_levels": NUMBERS,
+    "nfe": WHOLE,
+    "prefix": WHOLE,
+    "hysteresis": NUMBER,
+    "use_score": SWITCH,
+    "use_dream": SWITCH,
+    "use_touch": SWITCH,
+    "use_slow": SWITCH,
+    "grip": NUMBER,
+    "seed": WHOLE,
+}
+"""Fields of `SelectionSettings` that a method's name may set."""
 
 register("joint", InterfaceEntry(f"{_HERE}.joint", "JointInterface", "joint"))
 register("raw", InterfaceEntry(f"{_HERE}.raw", "RawInterface", "draft"))
@@ -26,6 +47,37 @@ register(
             "servo": NUMBER,
             "back": NUMBER,
             "limit": NUMBER,
+        },
+    ),
+)
+register(
+    "dexgen",
+    InterfaceEntry(
+        f"{_HERE}.dexgen",
+        "DexGenInterface",
+        "draft",
+        files=(*CONTROLLER_FILES, "dexgen.safetensors"),
+        main_option="guidance",
+        options={"guidance": NUMBER, "steps": WHOLE, "use_touch": SWITCH, "seed": WHOLE},
+    ),
+)
+register(
+    "dexflex",
+    InterfaceEntry(
+        f"{_HERE}.dexflex",
+        "make_dexflex",
+        "draft",
+        files=CONTROLLER_FILES,
+        options=SELECTION_OPTIONS,
+        ablations={
+            "noselection": "the draft is executed, with the decoder's grip",
+            "noscore": "the proposal nearest to the draft is executed instead of the best scored one",
+            "notouch": "its touch is hidden",
+            "noconsequence": "the score does not see the predicted outcome",
+            "nopure": "no proposal ignores the draft",
+            "noseeded": "all proposals ignore the draft, and it is none itself",
+            "noslow": "the slow token is hidden",
+            "nogrip": "every touching finger presses alike instead of the decoder's forces",
         },
     ),
 )

@@ -5,21 +5,20 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
+from lerobot_dexflex.controller.chunks import BRANCHES
 from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH
 from lerobot_dexflex.interfaces.touch_watch import TOUCH_HEALTH
 
-BRANCHES = ("draft", "pure", "seeded", "contact")
-"""Where a candidate came from: the draft itself, noise alone, noise around the draft, the projection."""
 STILL = 0.002
 """Regularises the relative size of an intervention where the draft stands still [m]."""
 _LIKELY = 0.5
 
 
-def relative_change(executed: Tensor, asked: Tensor) -> Tensor:
-    """Return ||executed - asked|| / (||asked|| + 2 mm) over the fingertips; both (batch, 4, 3) [m]."""
+def relative_change(selected: Tensor, asked: Tensor) -> Tensor:
+    """Return ||selected - asked|| / (||asked|| + 2 mm) over the fingertips; both (batch, 4, 3) [m]."""
     size = asked.flatten(1).norm(dim=1) + STILL
-    return (executed - asked).flatten(1).norm(dim=1) / size
+    return (selected - asked).flatten(1).norm(dim=1) / size
 
 
 class Choice(NamedTuple):
@@ -35,6 +34,10 @@ class Choice(NamedTuple):
     """Dreamed probability that a finger loses contact within the horizon. Shape (batch, 4)."""
     draft_contact_loss: Tensor
     """The same for the raw draft."""
+    slip: Tensor
+    """Dreamed probability that a finger slips along the object. Shape (batch, 4)."""
+    draft_slip: Tensor
+    """The same for the raw draft."""
     grasp_loss: Tensor
     """Dreamed probability of losing the grasp within the horizon. Shape (batch,)."""
     draft_grasp_loss: Tensor
@@ -46,11 +49,13 @@ class Explanation:
     """One control step of a learned interface."""
 
     intervention: Tensor
-    """||executed - draft|| / (||draft|| + 2 mm) over the four fingertips. Shape (batch,)."""
+    """||selected - draft|| / (||draft|| + 2 mm) over the four fingertips. Shape (batch,)."""
     touch_health: Tensor
     """Index into `TOUCH_HEALTH` per finger. Shape (batch, 4)."""
     draft_health: Tensor
     """Index into `DRAFT_HEALTH`. Shape (batch,)."""
+    forces: Tensor | None = None
+    """Forces of the grip [N], palm frame, (batch, 4, 3); None for an interface that supplies none."""
     choice: Choice | None = None
     """None for an interface that chooses among no candidates."""
 
@@ -62,11 +67,14 @@ class Explanation:
             "touch_health": {f: TOUCH_HEALTH[k] for f, k in zip(FINGER_NAMES, touch, strict=True)},
             "draft_health": DRAFT_HEALTH[int(self.draft_health[index])],
         }
+        if self.forces is not None:
+            pressed = self.forces[index].norm(dim=-1).tolist()
+            found["grip"] = dict(zip(FINGER_NAMES, pressed, strict=True))
         if self.choice is not None:
             found["branch"] = BRANCHES[int(self.choice.branch[index])]
             for name in ("score", "draft_score", "grasp_loss", "draft_grasp_loss"):
                 found[name] = getattr(self.choice, name)[index].item()
-            for name in ("contact_loss", "draft_contact_loss"):
+            for name in ("contact_loss", "draft_contact_loss", "slip", "draft_slip"):
                 values = getattr(self.choice, name)[index].tolist()
                 found[name] = dict(zip(FINGER_NAMES, values, strict=True))
         return found

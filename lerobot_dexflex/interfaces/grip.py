@@ -8,7 +8,8 @@ from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.hand.kinematics import contact_torques, pads
+from lerobot_dexflex.hand.kinematics import contact_torques, finger_frames, pads
+from lerobot_dexflex.hand.touch import PITCH, TAXELS
 
 RECENT = 3
 """A finger that carried load so many control steps ago is still taken to hold."""
@@ -82,7 +83,9 @@ class Grip:
         self._unloaded = torch.where(loads > CONTACT_FORCE, 0, self._unloaded + 1)
         return self._unloaded < RECENT
 
-    def exert(self, joints: Tensor, forces: Tensor, loads: Tensor) -> Exertion:
+    def exert(
+        self, joints: Tensor, forces: Tensor, loads: Tensor, points: Tensor | None = None
+    ) -> Exertion:
         """Return torques and displacement for wanted forces; `feel` the loads before.
 
         Args:
@@ -90,6 +93,7 @@ class Grip:
             forces: Wanted contact forces in the palm frame [N]; zero for fingers that are not to press.
                 Shape (batch, 4, 3).
             loads: As for `feel`; a finger that is not known is not servoed.
+            points: Where they act [m], (batch, 4, 3); the pads' centres if None.
         """
         assert self._offset is not None
         assert self._unloaded is not None
@@ -102,7 +106,29 @@ class Grip:
         step = torch.where(touching, error, servo.back)
         step = torch.where(pressing & loads.isfinite(), step, -servo.release)
         self._offset = (self._offset + step).clamp(0.0, servo.limit)
-        return Exertion(contact_torques(joints, centres, forces), self._offset[..., None] * inward)
+        torques = contact_torques(joints, centres if points is None else points, forces)
+        return Exertion(torques, self._offset[..., None] * inward)
+
+
+def centres_of_pressure(joints: Tensor, tactile: Tensor) -> Tensor:
+    """Return where fingertips are pressed, the pads' centres where they are not [m]. Shape (batch, 4, 3).
+
+    Args:
+        joints: Measured [rad], float64. Shape (batch, 16).
+        tactile: Taxels [N]; NaN where they are not known. Shape (batch, 240).
+    """
+    taxels = tactile.double().nan_to_num().clamp(min=0).reshape(-1, 4, *TAXELS)
+    along, across = (
+        pitch * (torch.arange(count, device=taxels.device) - (count - 1) / 2)
+        for pitch, count in zip(PITCH, TAXELS, strict=True)
+    )
+    total = taxels.sum((-1, -2)).clamp(min=CONTACT_FORCE)
+    offset = torch.stack(
+        [(taxels.sum(-1) * along).sum(-1) / total, (taxels.sum(-2) * across).sum(-1) / total], -1
+    )
+    frames = finger_frames(joints).distal_rotation  # Pads look along -x, their tips lie along -y.
+    centres = pads(joints)[0]
+    return centres - offset[..., :1] * frames[..., 1] + offset[..., 1:] * frames[..., 2]
 
 
 def loads_of(tactile: Tensor) -> Tensor:

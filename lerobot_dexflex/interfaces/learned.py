@@ -4,33 +4,29 @@ import contextlib
 import functools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer
-from lerobot_dexflex.conventions import STATE, TACTILE
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips, solve_fingertips
-from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface
+from lerobot_dexflex.conventions import FINGERTIPS, TACTILE
+from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.draft_watch import DraftReading, DraftWatch, checked_draft
 from lerobot_dexflex.interfaces.explanation import Choice, Explanation, relative_change
-from lerobot_dexflex.interfaces.protocol import CommandSpace
 from lerobot_dexflex.interfaces.touch_watch import TouchReading, TouchWatch
 
 
 class Sensed(NamedTuple):
     """Everything known at a control step."""
 
-    joints: Tensor
-    """Previous joint command [rad], float64. Shape (batch, 16)."""
-    tips: Tensor
-    """Commanded fingertips [m], float64. Shape (batch, 4, 3)."""
+    measured: Measured
+    """Where the hand is."""
     history: History
     """What the networks see of the past."""
     drafts_history: Tensor
-    """First displacements of earlier drafts, oldest first [m]. Shape (batch, 8, 4, 3)."""
+    """First steps of earlier drafts, oldest first [m]. Shape (batch, 8, 4, 3)."""
     draft: DraftReading
     touch: TouchReading
 
@@ -45,8 +41,6 @@ class LearnedInterface(CommandedInterface):
         controller: The controller, its folder or hub id; the shipped one if None. A folder's is loaded once
             and shared: interfaces keep what they remember beside it.
     """
-
-    command_space: CommandSpace = "draft"
 
     def __init__(self, controller: DexFlexController | str | Path | None) -> None:
         super().__init__()
@@ -75,15 +69,19 @@ class LearnedInterface(CommandedInterface):
 
         Memories are tensors that are replaced and never written in place, so it is enough to keep references.
         """
-        parts = (self, self._hand, self._touch, self._drafts, self._past)
-        before = [dict(vars(part)) for part in parts]
+        before = [dict(vars(part)) for part in self._parts]
         try:
             yield
         except BaseException:
-            for part, memory in zip(parts, before, strict=True):
+            for part, memory in zip(self._parts, before, strict=True):
                 vars(part).clear()
                 vars(part).update(memory)
             raise
+
+    @property
+    def _parts(self) -> tuple[Any, ...]:
+        """Everything that remembers."""
+        return (self, self._hand, self._touch, self._drafts, self._past)
 
     def _move(self, device: torch.device) -> None:
         """Bring the networks to a device."""
@@ -91,47 +89,25 @@ class LearnedInterface(CommandedInterface):
 
     def _sense(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Sensed:
         """Take in this step's observation and draft."""
-        joints, tips = self._hand.start(observation)
+        measured = self._hand.look(observation)
+        joints, tips = measured
         checked = checked_draft(draft, len(joints))
         if self.controller.scale.scale.device != joints.device:  # Asking each weight costs a millisecond.
             self._move(joints.device)
         touch = self._touch.look(observation, len(joints))
-        history = self._past.observe({**observation, TACTILE: touch.tactile})
-        history = history._replace(tactile_missing=touch.missing)
-        reading = self._drafts.look(checked, observation[STATE])
+        seen = {**observation, TACTILE: touch.tactile, FINGERTIPS: tips.flatten(1)}
+        history = self._past.observe(seen)._replace(tactile_missing=touch.missing)
+        reading = self._drafts.look(checked, tips)
         drafts_history = self._past.drafts
         self._past.remember(reading.draft)
-        return Sensed(joints, tips, history, drafts_history, reading, touch)
+        return Sensed(measured, history, drafts_history, reading, touch)
 
-    def _execute(
-        self, sensed: Sensed, displacement: Tensor, residual: Tensor | None, choice: Choice | None
-    ) -> Tensor:
-        """Displace the commanded fingertips, correct the joints, remember both.
-
-        The command moves by the displacement and by as much as the correction moves the fingertips, so that
-        without a correction the hand does exactly what `raw` does. Setting the command to where the joints
-        put the fingertips would lose a fifth of every displacement: the posture tie of the inverse
-        kinematics leaves a lag, which the command keeps and the next step makes up.
-
-        Args:
-            sensed: This step.
-            displacement: Of the commanded fingertips [m]. Shape (batch, 4, 3).
-            residual: Correction of the joint targets [rad], (batch, 16).
-            choice: For the explanation.
-
-        Returns:
-            Joint targets [rad], float64. Shape (batch, 16).
-        """
-        tips = sensed.tips + displacement
-        joints = solve_fingertips(tips, sensed.joints)
-        if residual is not None:
-            raw = joints
-            joints = (raw + residual).clamp(JOINT_LOWER.to(raw), JOINT_UPPER.to(raw))
-            tips = tips + (fingertips(joints) - fingertips(raw))
-        joints, tips = self._hand.execute(joints, tips)
-        intervention = relative_change(tips - sensed.tips, sensed.draft.draft[:, 0])
-        self._explanation = Explanation(intervention, sensed.touch.health, sensed.draft.health, choice)
-        return joints
+    def _explain(
+        self, sensed: Sensed, motion: Tensor, forces: Tensor | None = None, choice: Choice | None = None
+    ) -> None:
+        """Note why the motion [m] (batch, 4, 3) was executed."""
+        change = relative_change(self.gain * motion, sensed.draft.draft[:, 0])
+        self._explanation = Explanation(change, sensed.touch.health, sensed.draft.health, forces, choice)
 
 
 def shared_controller(folder: Path) -> DexFlexController:

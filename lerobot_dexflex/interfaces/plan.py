@@ -11,20 +11,25 @@ from lerobot_dexflex.interfaces.explanation import Choice
 class Plan(NamedTuple):
     """A chosen chunk, how much of it is done, and why it was chosen."""
 
-    chunk: Tensor
-    """Displacements of the commanded fingertips [m]. Shape (batch, horizon, 4, 3)."""
-    residual: Tensor
-    """Correction of the joint targets [rad]. Shape (batch, 16)."""
+    targets: Tensor
+    """Where the fingertips should be, palm frame [m]. Shape (batch, horizon, 4, 3)."""
     choice: Choice
     age: Tensor
-    """Displacements that were executed. Shape (batch,)."""
+    """Steps that were executed. Shape (batch,)."""
 
-    def displacement(self) -> Tensor:
-        """Return the next displacements [m]. Shape (batch, 4, 3)."""
-        return self.chunk[torch.arange(len(self.age), device=self.age.device), self.age]
+    def motion(self, tips: Tensor) -> Tensor:
+        """Return what is left of the plan from where the tips are, its last step held (batch, horizon, 4, 3).
+
+        Args:
+            tips: Measured fingertips [m]. Shape (batch, 4, 3).
+        """
+        steps = torch.arange(self.targets.shape[1], device=tips.device)
+        ahead = (self.age[:, None] + steps).clamp(max=len(steps) - 1)
+        rows = torch.arange(len(tips), device=tips.device)[:, None]
+        return self.targets[rows, ahead] - tips[:, None]
 
     def older(self) -> "Plan":
-        """Return the plan after one more displacement."""
+        """Return the plan after one more step."""
         return self._replace(age=self.age + 1)
 
     def expired(self, rows: Tensor, age: int) -> "Plan":
@@ -34,8 +39,7 @@ class Plan(NamedTuple):
     def renewed(self, rows: Tensor, new: "Plan") -> "Plan":
         """Return the plan with some rows, a mask (batch,), taken from another."""
         choice = Choice(*(_where(rows, a, b) for a, b in zip(new.choice, self.choice, strict=True)))
-        chunk, residual = _where(rows, new.chunk, self.chunk), _where(rows, new.residual, self.residual)
-        return Plan(chunk, residual, choice, _where(rows, new.age, self.age))
+        return Plan(_where(rows, new.targets, self.targets), choice, _where(rows, new.age, self.age))
 
 
 def _where(rows: Tensor, new: Tensor, old: Tensor) -> Tensor:

@@ -14,12 +14,19 @@ _SWEEPS = 60
 
 @compiled
 def balance_forces(
-    points: Array, inward: Array, centre: Array, wrench: Array, friction: float, preload: float
+    points: Array,
+    inward: Array,
+    centre: Array,
+    wrench: Array,
+    friction: float,
+    preload: float,
+    least: float = 0.0,
 ) -> tuple[Array, float]:
     """Distribute a wrench over contacts as `hand.contacts.balance_forces`, by coordinate descent.
 
     Sixty sweeps do not go to the end: forces are up to 0.3 N from the optimum, where several serve alike.
-    Plain loops, so that no BLAS chooses an order of summation.
+    `least` is the smallest normal force of every contact [N]: a finger that hardly presses is lost when
+    anything moves. Plain loops, so that no BLAS chooses an order of summation.
     """
     n = 4 * len(points)
     system, target = np.empty((6, n)), wrench.copy()
@@ -39,7 +46,7 @@ def balance_forces(
             gram[i, j] = _dot(system[:, i], system[:, j]) + (_PRELOAD_WEIGHT**2 if i == j else 0.0)
     for _ in range(_SWEEPS):
         for j in range(n):
-            weights[j] = max(0.0, weights[j] + (pull[j] - _dot(gram[j], weights)) / gram[j, j])
+            weights[j] = max(least / 4, weights[j] + (pull[j] - _dot(gram[j], weights)) / gram[j, j])
     forces, missed = np.zeros((n // 4, 3)), -target
     for j in range(n):
         forces[j // 4] += weights[j] * system[:3, j]

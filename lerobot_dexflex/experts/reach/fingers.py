@@ -43,11 +43,9 @@ class FingerStates:
     free: Array = field(default_factory=lambda: np.zeros((4, 3)))
     """Where lifted tips have got to, in the object's frame [m]. Shape (4, 3)."""
     forces: Array | None = None
-    """Smoothed forces [N], (4, 3); None before the first step."""
+    """Smoothed forces, wanted and executed [N], (2, 4, 3); None before the first step."""
     reference: tuple[Array, Array] | None = None
     """Pose that leads the object to the goal; None begins at the object's."""
-    servo: Array = field(default_factory=lambda: np.zeros(4))
-    """How far tips are pushed inward, to exert what is wanted [m]. Shape (4,)."""
 
 
 class Holder(Protocol):

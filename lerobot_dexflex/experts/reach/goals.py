@@ -72,19 +72,25 @@ class GoalDraws:
         self._distal = [self._model.body(f"{finger}_ds").id for finger in FINGERS]
 
     def draw(
-        self, rng: np.random.Generator, now: HandState, around: Pose, apart_from: Pose | None = None
+        self,
+        rng: np.random.Generator,
+        now: HandState,
+        around: Pose,
+        apart_from: Pose | None = None,
+        rounds: int = _ROUNDS,
     ) -> Draw:
-        """Return the first feasible goal of 72, else the one that comes nearest to being feasible.
+        """Return the first feasible goal, else the one that comes nearest to being feasible.
 
         Args:
             rng: Source of randomness.
             now: The state of the hand.
             around: From where goals are drawn.
             apart_from: A pose from which the goal shall be 12 mm or .28 rad away.
+            rounds: So many times 24 goals are tried.
         """
         best: Pose | None = None
         least = np.inf
-        for _ in range(_ROUNDS):
+        for _ in range(rounds):
             goals = [draw_goal(*around, rng) for _ in range(_CANDIDATES)]
             joints, costs = self._reach(now, goals)
             for goal, posture, cost in zip(goals, joints, costs, strict=True):

@@ -27,12 +27,14 @@ from lerobot_dexflex.hand.surfaces import surface_samples
 
 Array = NDArray[np.float64]
 
-SPEED = (0.0015, 0.04)
+SPEED = (0.002, 0.05)
 """How fast the reference that leads the object walks to the goal [m], [rad] per control step."""
-LEAD = (0.006, 0.15)
+LEAD = (0.004, 0.1)
 """How far it may be ahead of the object [m], [rad]: what does not follow is asked for more."""
 PRELOAD = 3.0
 """Internal squeeze per finger that is wished for [N], at least `_PRELOAD_GAIN` times the weight."""
+LEAST_FORCE = 0.8
+"""Smallest normal force of a finger that holds [N]."""
 LIFT_STEPS, LIFT_HEIGHT = 8, 0.018
 """A lifted finger leaves the object so far [m] in so many control steps."""
 SWING_SPEED, SWING_STEPS, APPROACH = 0.006, 30, 0.012
@@ -40,17 +42,17 @@ SWING_SPEED, SWING_STEPS, APPROACH = 0.006, 30, 0.012
 PLACE_SPEED, PRESS, PLACE_STEPS = 0.003, 0.004, 14
 """Speed of the placing [m] per step, how deep it may push [m] and how long it may take."""
 _LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
-_APPROACH = 0.25
+_EAGERNESS = 0.15
 """Share of the way to the goal that the reference walks per step where that is slower."""
 _PULL, _LARGEST_PULL = (100.0, 0.25), (2.0, 0.05)
 """Wrench toward the goal: [N/m], [N m/rad], and at most [N], [N m]; it overcomes friction at rest."""
 _PRELOAD_GAIN, _FRICTION_SHARE = 1.5, 0.9
 _REALIGN, _FORCE_SMOOTHING = 0.3, 0.3
-_MAX_TORQUE = 0.55
-_LOST_AFTER, _RETURN, _RETURN_DEPTH = 3, 0.001, 0.006
+LARGEST_TORQUE = 0.55
+"""Largest torque with which the grip loads a joint [N m]."""
+_LOST_AFTER, _RETURN, _RETURN_DEPTH = 3, 0.002, 0.006
 """A finger without load for so many steps no longer carries; it goes back to its place by so much [m] per
 step, until it would be so deep [m]."""
-_SERVO, _SERVO_RANGE = 1e-4, (-0.003, 0.006)
 _POSTURE_WEIGHT, _HOME = 0.01, 0.1
 """Tie to the measured posture [m/rad], and the share of the way back to the first grasp's per step."""
 _PATIENCE, _COOL_DOWN = 10, 15
@@ -66,7 +68,9 @@ class Guidance(NamedTuple):
     tips: Array
     """Where the fingertips should be after 1, 2, ... 8 control steps [m]. Shape (8, 4, 3)."""
     forces: Array
-    """Forces of the fingers on the object [N]. Shape (4, 3)."""
+    """Forces of the fingers on the object [N], with the margin that it takes for right. Shape (4, 3)."""
+    grip: Array
+    """The forces that `joints` exert: as strong as this operator grips. Shape (4, 3)."""
     points: Array
     """Where they act [m]. Shape (4, 3)."""
     joints: Array
@@ -89,12 +93,12 @@ class Operator:
     Args:
         senses: True state of a running `ReachEnv` whose object is held.
         rng: Source of randomness, for regrasps only.
-        strength: Factor of the internal squeeze.
+        strength: Factor of the internal squeeze that it executes.
     """
 
     def __init__(self, senses: Senses, rng: np.random.Generator, strength: float = 1.0) -> None:
         self.senses, self._rng = senses, rng
-        self.speed, self.preload = SPEED, strength * PRELOAD
+        self.speed, self.preload, self.strength = SPEED, PRELOAD, strength
         spec = senses.env.episode.object_spec
         self.surface = surface_samples(spec, _SURFACE_POINTS, np.random.default_rng(0))
         now = senses.read()
@@ -154,20 +158,19 @@ class Operator:
         self._advance_reference(now)
         carrying = self._carrying(now)
         points = np.where(carrying[:, None], now.points, now.tips)
-        forces = self._forces(now, points, carrying)
-        self._servo(now, forces, carrying)
+        forces, grip = self._forces(now, points, carrying)
         joints, motion = self._first_step(now, points, carrying)
         tips = self._ahead(now, points, carrying, motion)
-        torques = kernels.contact_torques(now.joints, points, forces)
-        leads = np.clip(torques, -_MAX_TORQUE, _MAX_TORQUE) / leap.KP
-        return Guidance(tips, forces, points, np.clip(joints + leads, _LOWER, _UPPER))
+        torques = kernels.contact_torques(now.joints, points, grip)
+        leads = np.clip(torques, -LARGEST_TORQUE, LARGEST_TORQUE) / leap.KP
+        return Guidance(tips, forces, grip, points, np.clip(joints + leads, _LOWER, _UPPER))
 
     def regrasp(self, finger: int, anchor: Array, inward: Array, now: HandState) -> None:
         """Send a finger to a new anchor [m] (3,) with contact normal `inward` (3,), in the object's frame."""
         fingers = self.fingers
         lifted = now.loads[finger] <= CONTACT_FORCE
         fingers.mode[finger] = Mode.SWING if lifted else Mode.LIFT
-        fingers.timer[finger], fingers.servo[finger] = 0, 0.0
+        fingers.timer[finger] = 0
         fingers.free[finger] = (now.tips[finger] - now.position) @ now.rotation
         fingers.next_anchor[finger], fingers.next_inward[finger] = anchor, inward
 
@@ -221,7 +224,7 @@ class Operator:
             found = fingers.mode[k] == Mode.PARKED and load > 2 * CONTACT_FORCE
             placed = fingers.mode[k] == Mode.PLACE and load > 3 * CONTACT_FORCE
             if found or placed:
-                fingers.mode[k], fingers.timer[k], fingers.servo[k] = Mode.HOLD, 0, 0.0
+                fingers.mode[k], fingers.timer[k] = Mode.HOLD, 0
                 fingers.inward[k] = fingers.next_inward[k] if placed else inward[k]
             if fingers.mode[k] != Mode.HOLD:
                 continue
@@ -246,8 +249,8 @@ class Operator:
         """Walk the reference to the goal, never far ahead of the object."""
         position, quaternion = self.fingers.reference or (now.position, now.quaternion)
         pace = self._pace(now)
-        position = position + shortened(_APPROACH * (self.goal[0] - position), pace * self.speed[0])
-        turn = shortened(_APPROACH * rotation_between(quaternion, self.goal[1]), pace * self.speed[1])
+        position = position + shortened(_EAGERNESS * (self.goal[0] - position), pace * self.speed[0])
+        turn = shortened(_EAGERNESS * rotation_between(quaternion, self.goal[1]), pace * self.speed[1])
         quaternion = quaternion_product(quaternion_of(turn), quaternion)
         offset = shortened(position - now.position, LEAD[0])
         turned = shortened(rotation_between(now.quaternion, quaternion), LEAD[1])
@@ -266,10 +269,10 @@ class Operator:
         """Return 0 while fewer than two fingers hold the object: it is not to be pushed away; else 1."""
         return float((now.loads > CONTACT_FORCE).sum() >= 2)
 
-    def _forces(self, now: HandState, points: Array, carrying: NDArray[np.bool_]) -> Array:
-        """Return the smoothed forces [N] (4, 3) that the fingers should exert."""
+    def _forces(self, now: HandState, points: Array, carrying: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return the smoothed forces [N] (4, 3) that the fingers should exert, and those it lets them."""
         fingers, senses = self.fingers, self.senses
-        wanted = np.zeros((4, 3))
+        wanted = np.zeros((2, 4, 3))
         holding = np.flatnonzero(carrying)
         if len(holding):
             way, turn = self._way(now)
@@ -277,23 +280,23 @@ class Operator:
             twist = shortened(_PULL[1] * turn, _LARGEST_PULL[1])
             wrench = np.concatenate([pull - senses.mass * senses.gravity, twist])
             preload = max(self.preload, _PRELOAD_GAIN * senses.mass * GRAVITY)
-            wanted[holding], _ = balance_forces(
-                points[holding],
-                fingers.inward[holding] @ now.rotation.T,
-                now.position,
-                wrench,
-                _FRICTION_SHARE * senses.friction,
-                preload,
-            )
+            inward = fingers.inward[holding] @ now.rotation.T
+            friction = _FRICTION_SHARE * senses.friction
+            for k, strength in enumerate((1.0, self.strength)):
+                wanted[k, holding], _ = balance_forces(
+                    points[holding],
+                    inward,
+                    now.position,
+                    wrench,
+                    friction,
+                    strength * preload,
+                    strength * LEAST_FORCE,
+                )
         before = wanted if fingers.forces is None else fingers.forces
         fingers.forces = before + _FORCE_SMOOTHING * (wanted - before)
-        fingers.forces[fingers.mode > 0] = 0.0
-        return fingers.forces.copy()
-
-    def _servo(self, now: HandState, forces: Array, carrying: NDArray[np.bool_]) -> None:
-        missing = np.linalg.norm(forces, axis=1) - now.loads
-        servo = np.clip(self.fingers.servo + _SERVO * missing, *_SERVO_RANGE)
-        self.fingers.servo = np.where(carrying & (now.loads > CONTACT_FORCE), servo, 0.0)
+        fingers.forces[:, fingers.mode > 0] = 0.0
+        right, executed = fingers.forces
+        return right.copy(), executed.copy()
 
     def _first_step(
         self, now: HandState, points: Array, carrying: NDArray[np.bool_]
@@ -306,12 +309,11 @@ class Operator:
         asked = np.zeros((4, 3))
         for k in range(4):
             if carrying[k]:
-                asked[k] = moved + np.cross(turned, points[k] - now.position) + fingers.servo[k] * normals[k]
+                asked[k] = moved + np.cross(turned, points[k] - now.position)
             else:
                 asked[k] = self._away(now, k, normals[k])
         joints = self._solve(now.joints, points, asked, carrying)
-        push = np.where(carrying[:, None], fingers.servo[:, None] * normals, 0.0)
-        return joints, kernels.fingertips(joints) - now.tips - push
+        return joints, kernels.fingertips(joints) - now.tips
 
     def _away(self, now: HandState, finger: int, normal: Array) -> Array:
         """Return the motion of a tip that does not carry [m] (3,)."""
