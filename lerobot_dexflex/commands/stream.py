@@ -122,9 +122,7 @@ class ErrorStream:
                 if schedule.active and schedule.error.family == "removal":
                     steps = schedule.age + np.arange(draft.shape[1])
                     way[k, :, schedule.finger] = schedule.error.strength * steps[:, None] * schedule.outward
-        return effects.replaced(
-            draft, struck[:, None], (self._left - tips)[:, None] + _like(way, draft)
-        )
+        return effects.replaced(draft, struck[:, None], (self._left - tips)[:, None] + _like(way, draft))
 
 
 def seeds_of(errors: CommandErrors, seed: Seed) -> list[Seed]:

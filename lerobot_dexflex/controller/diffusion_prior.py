@@ -1,7 +1,9 @@
-"""DexGen's prior, the baseline: denoising diffusion over chunks, pulled toward the draft by guidance.
+"""DexGen, the baseline: denoising diffusion over chunks, pulled toward the draft by guidance; then an inverse
+dynamics model from proprioception to joint targets.
 
-After DexterityGen (Yin et al., RSS 2025). Its network, input and data are those of our flow prior; what it
-lacks is candidates, a consequence model and a choice: the draft enters by guidance alone.
+After DexterityGen (Yin et al., RSS 2025). The prior's network, input and data are those of our flow prior; what
+DexGen lacks is candidates, a consequence model, a choice, and forces: the draft enters by guidance alone, and the
+grip is what its inverse dynamics have learnt of the operator's joint targets.
 """
 
 import math
@@ -21,6 +23,8 @@ WEIGHTS = "dexgen.safetensors"
 """Its file in a controller's folder."""
 STEPS = 50
 """Noise levels in training."""
+LEAD_SCALE = 0.1
+"""Unit of the inverse dynamics' joint leads [rad]."""
 _OFFSET = 0.008
 _CLIP = 6.0
 
@@ -38,11 +42,25 @@ class DiffusionPrior(nn.Module):
         super().__init__()
         self.width = config.finger_chunk_width
         self.network = Prior(config)
+        inputs, width = config.body_width + config.slow_width + config.chunk_width, config.decoder_width
+        self.dynamics = nn.Sequential(
+            nn.Linear(inputs, width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 16)
+        )
         self.register_buffer("signal", _cosine_signal(STEPS), persistent=False)
 
     def context(self, state: State) -> Context:
         """Prepare a state once for any number of noise levels."""
         return self.network.context(state)
+
+    def lead(self, state: State, chunk: Tensor) -> Tensor:
+        """Return joint targets minus measured joints [rad], (batch, 16), that bring a chunk about.
+
+        Args:
+            state: The encoded states; of these, what proprioception says.
+            chunk: Normalised. Shape (batch, 4, horizon * 3).
+        """
+        seen = torch.cat([state.body, state.slow, chunk.flatten(1)], -1)
+        return LEAD_SCALE * self.dynamics(seen)
 
     def denoise(self, x: Tensor, level: Tensor, context: Context) -> Tensor:
         """Predict clean chunks.

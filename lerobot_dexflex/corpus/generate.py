@@ -4,7 +4,6 @@ import contextlib
 import functools
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 

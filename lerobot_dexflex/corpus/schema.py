@@ -42,7 +42,9 @@ COLUMNS = {
     "wanted": Column((4, 3), "float32", "m", "where the executed command wants the tips, palm frame"),
     "joint_targets": Column((16,), "float32", "rad", "executed joint command"),
     "loads": Column((4,), "float32", "N", "true normal force of each tip on the object before the step"),
-    "object": Column((7,), "float32", "m, 1", "true pose of the object before the step (w x y z), palm frame"),
+    "object": Column(
+        (7,), "float32", "m, 1", "true pose of the object before the step (w x y z), palm frame"
+    ),
     "expert": Column((), "bool", "", "whether the operator's own command is executed"),
     "lost": Column((), "bool", "", "whether after the step fewer than 2 tips are loaded or the object left"),
     "step": Column((), "int16", "1", "control step within the episode, 0 first"),

@@ -16,7 +16,9 @@ LARGEST_STEP, LARGEST_OFFSET = 0.03, 0.12
 not reach farther."""
 
 _OK, _LATE, _CLIPPED = range(len(DRAFT_HEALTH))
-_MEANING = f"where the four fingertips should be, minus where they are measured [m], over {DRAFT_HORIZON} steps"
+_MEANING = (
+    f"where the four fingertips should be, minus where they are measured [m], over {DRAFT_HORIZON} steps"
+)
 
 
 class DraftReading(NamedTuple):

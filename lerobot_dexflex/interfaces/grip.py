@@ -83,9 +83,7 @@ class Grip:
         self._unloaded = torch.where(loads > CONTACT_FORCE, 0, self._unloaded + 1)
         return self._unloaded < RECENT
 
-    def exert(
-        self, joints: Tensor, forces: Tensor, loads: Tensor, points: Tensor | None = None
-    ) -> Exertion:
+    def exert(self, joints: Tensor, forces: Tensor, loads: Tensor, points: Tensor | None = None) -> Exertion:
         """Return torques and displacement for wanted forces; `feel` the loads before.
 
         Args:

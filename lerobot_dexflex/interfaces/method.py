@@ -11,7 +11,6 @@ from lerobot_dexflex.interfaces.options import written
 from lerobot_dexflex.interfaces.protocol import CommandSpace, Interface
 from lerobot_dexflex.interfaces.registry import INTERFACES, InterfaceEntry
 
-
 Options = tuple[tuple[str, Any], ...]
 
 
@@ -164,9 +163,7 @@ def _options(base: str, entry: InterfaceEntry, text: str, name: str) -> Options:
 
 def _gain(base: str, entry: InterfaceEntry, text: str, name: str) -> float:
     if entry.command_space != "draft":
-        raise DexFlexError(
-            f"Only drafts can be scaled; {base!r} executes joint targets. Got {name!r}."
-        )
+        raise DexFlexError(f"Only drafts can be scaled; {base!r} executes joint targets. Got {name!r}.")
     try:
         gain = float(text)
     except ValueError:

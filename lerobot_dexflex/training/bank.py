@@ -1,4 +1,4 @@
-"""Proposals of the frozen prior, drawn once and reused by the score and decoder stages."""
+"""Proposals of the frozen prior, drawn once and reused by the score's stage."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,15 +12,15 @@ from tqdm import tqdm
 from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.encoder import State
 from lerobot_dexflex.controller.settings import SelectionSettings
-from lerobot_dexflex.corpus.schema import INTERFACED, OPERATED
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.runs.provenance import digest_text
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.metrics import draw
-from lerobot_dexflex.training.proxy_drafts import constant_velocity, proxy_drafts
 
 _ROWS_AT_ONCE = 128
+_SPOILT = 5e-4
+"""A draft is spoilt if it differs by more from the plan [m]."""
 
 
 @dataclass
@@ -31,24 +31,21 @@ class BankConfig:
     """States in the bank."""
     held_out_rows: int = 1024
     """States of the tuning split."""
-    n_pure: int = 8
+    n_pure: int = 6
     """Proposals from the prior alone."""
-    n_seeded: int = 8
+    n_seeded: int = 4
     """Proposals that start at the draft."""
-    nfe: int = 4
-    """Integration steps from noise."""
-    loop_share: float = 0.6
-    """Share of states from episodes under corrupted commands, with the drafts given there."""
-    proxy_share: float = 0.25
-    """Share of these whose draft is imagined instead; elsewhere all are."""
+    n_finger: int = 8
+    """Proposals with one finger drawn anew."""
+    spoilt_share: float = 0.7
+    """Share of states whose draft is spoilt."""
 
 
 class ProposalBank:
     """States with drafts and candidates; candidate 0 is the draft itself.
 
     Args:
-        tensors: By name: `row`, `proxy`, `body`, `contact`, `fingers`, `slow`, `draft`, `past`, `clean`,
-            `chunks`.
+        tensors: By name: `row`, `body`, `contact`, `fingers`, `slow`, `draft`, `past`, `clean`, `chunks`.
     """
 
     def __init__(self, tensors: dict[str, Tensor]) -> None:
@@ -65,6 +62,11 @@ class ProposalBank:
     def state(self, index: Tensor) -> State:
         """Return some encoded states."""
         return State(*[self.get(name, index) for name in State._fields])
+
+    @property
+    def spoilt(self) -> Tensor:
+        """Whether the draft differs from the plan. Shape (rows,)."""
+        return differs(self.tensors["draft"].float(), self.tensors["clean"].float())
 
     @classmethod
     def load_or_draw(
@@ -101,6 +103,11 @@ class ProposalBank:
         return bank
 
 
+def differs(draft: Tensor, plan: Tensor) -> Tensor:
+    """Return whether drafts differ from plans in a first step, both (rows, 8, 4, 3) [m]. Shape (rows,)."""
+    return (draft - plan)[:, :2].flatten(1).abs().amax(1) > _SPOILT
+
+
 def _origin(path: Path) -> str | None:
     try:
         with safe_open(path, "pt") as file:
@@ -112,15 +119,13 @@ def _origin(path: Path) -> str | None:
 def _draw_bank(
     controller: DexFlexController, data: CorpusData, config: BankConfig, rows: int
 ) -> dict[str, Tensor]:
-    usable = torch.cat([data.chunk_rows(expert=True), data.chunk_rows(expert=False)])
-    usable = usable[data.columns["step"][usable] > 0]  # The first step has no earlier joint command.
+    usable = data.rows()
     if not len(usable):
-        raise DexFlexError("The corpus has no 8 labelled steps in a row to propose at.")
-    kind = data.columns["kind"][usable]
-    closed = (kind == OPERATED) | (kind == INTERFACED)
-    groups = [usable[closed], usable[~closed]]
-    n_closed = 0 if not len(groups[0]) else rows if not len(groups[1]) else round(config.loop_share * rows)
-    chosen = torch.cat([draw(g, n) for g, n in zip(groups, (n_closed, rows - n_closed), strict=True) if n])
+        raise DexFlexError("The corpus has no states with a held object to propose at.")
+    bad = torch.cat([differs(data.draft(part), data.plan(part)) for part in usable.split(20_000)])
+    groups = [usable[bad], usable[~bad]]
+    n_spoilt = 0 if not len(groups[0]) else rows if not len(groups[1]) else round(config.spoilt_share * rows)
+    chosen = torch.cat([draw(g, n) for g, n in zip(groups, (n_spoilt, rows - n_spoilt), strict=True) if n])
     parts: dict[str, list[Tensor]] = {}
     for some in tqdm(chosen[torch.randperm(rows)].split(_ROWS_AT_ONCE), desc="proposals"):
         for name, value in _propose(controller, data, config, some).items():
@@ -132,17 +137,12 @@ def _propose(
     controller: DexFlexController, data: CorpusData, config: BankConfig, rows: Tensor
 ) -> dict[str, Tensor]:
     state = controller.encode(augment(data.history(rows), AugmentationConfig(joint_noise=0, tip_noise=0)))
-    clean = data.clean_chunk(rows)
-    draft, past = constant_velocity(data.columns["draft"][rows]), data.before("draft", rows)
-    kind = data.columns["kind"][rows]
-    given = ((kind == OPERATED) | (kind == INTERFACED)) & (torch.rand(len(rows)) >= config.proxy_share)
-    proxy, proxy_past = proxy_drafts(data.before("label", rows), clean)
-    keep = given[:, None, None, None]
-    draft, past = torch.where(keep, draft, proxy), torch.where(keep, past, proxy_past)
-    settings = SelectionSettings(n_pure=config.n_pure, n_seeded=config.n_seeded, nfe=config.nfe)
-    noise = torch.randn(len(rows), config.n_pure + config.n_seeded, controller.config.chunk_width)
-    chunks = controller.propose(state, draft, past, settings, noise).chunks
-    floats = {**state._asdict(), "draft": draft, "past": past, "clean": clean, "chunks": chunks}
+    draft, past = data.draft(rows), data.drafts_before(rows)
+    settings = SelectionSettings(config.n_pure, config.n_seeded, config.n_finger)
+    drawn = settings.n_candidates - 1
+    noise = torch.randn(len(rows), drawn, 4, controller.config.finger_chunk_width)
+    chunks = controller.propose(state, draft, settings, noise).chunks
+    floats = {**state._asdict(), "draft": draft, "past": past, "clean": data.plan(rows), "chunks": chunks}
     for name in (*State._fields, "chunks"):
         floats[name] = floats[name].half()
-    return {"row": rows, "proxy": ~given, **floats}
+    return {"row": rows, **floats}

@@ -21,7 +21,7 @@ class ScoreConfig:
     """Losses and data of the third stage."""
 
     fit: FitConfig = field(default_factory=lambda: FitConfig(steps=12_000, batch_size=_NORMAL_BATCH))
-    tau_mm: float = 0.4
+    tau_mm: float = 0.8
     """Distance from the clean chunk at which a candidate is clearly worse [mm]."""
     distance_steps: int = 2
     """First steps of a chunk that the distance looks at."""
@@ -31,7 +31,7 @@ class ScoreConfig:
     """Clean chunks of the batch's other states with the most similar drafts, as negatives."""
     latent_dropout: float = 0.1
     """Share of rows whose predicted latents are hidden."""
-    outcome_weight: float = 0.0
+    outcome_weight: float = 1.0
     """Weight of the predicted logarithmic chance to keep the grasp in the soft labels."""
 
 
@@ -90,30 +90,23 @@ class ScoreStage(Stage):
         return loss, {"above_floor": (loss - floor).detach(), "picked_mm": picked}
 
     def evaluate(self) -> dict[str, float]:
-        """Return the pick's distance from the clean chunk, beside the draft's and the best one's [mm]."""
+        """Return the pick's distance from the plan, beside the draft's and the best one's [mm]."""
         network, bank, metrics = self.average, self._tune, {}
         assert isinstance(network, Score)
-        proxy = bank.tensors["proxy"]
-        for name, chosen in {"given": ~proxy, "proxy": proxy}.items():
+        for name, chosen in {"spoilt": bank.spoilt, "clean": ~bank.spoilt}.items():
             index = chosen.nonzero().flatten()
             if not len(index):
                 continue
             batch = self._plain(bank, index)
             distance = distance_to(batch.chunks, batch.clean, self._config.distance_steps)
             latent = self._controller.dream(batch.state, batch.chunks).latent
-            best = distance.amin(1)
-            pick = self._picked(network, batch, latent, distance)
+            pick = self._picked(network, batch, latent)
             metrics[f"{name}_draft_mm"] = float(distance[:, 0].mean())
-            metrics[f"{name}_best_mm"] = float(best.mean())
-            metrics[f"{name}_picked_mm"] = float(pick.mean())
-            metrics[f"{name}_regret_mm"] = float((pick - best).mean())
-            metrics[f"{name}_top1"] = float((pick <= best).double().mean())
-            blind = self._picked(network, batch, torch.zeros_like(latent), distance)
-            metrics[f"{name}_picked_no_dream_mm"] = float(blind.mean())
-            chunk = self._soft(network, batch, latent)
-            metrics[f"{name}_soft_mm"] = float(
-                distance_to(chunk.unsqueeze(1), batch.clean, self._config.distance_steps).mean()
-            )
+            metrics[f"{name}_best_mm"] = float(distance.amin(1).mean())
+            metrics[f"{name}_picked_mm"] = float(distance.gather(1, pick).mean())
+            metrics[f"{name}_obeyed"] = float((pick == 0).double().mean())
+            blind = self._picked(network, batch, torch.zeros_like(latent))
+            metrics[f"{name}_picked_no_dream_mm"] = float(distance.gather(1, blind).mean())
         return metrics
 
     def _plain(self, bank: ProposalBank, index: Tensor) -> Batch:
@@ -123,17 +116,12 @@ class ScoreStage(Stage):
         return Batch(bank.state(index), draft, past, clean, chunks, absent, absent[:, 0])
 
     def _score(self, network: Score, batch: Batch, latent: Tensor) -> Tensor:
-        normalize = self._controller.scale.normalize
-        return network(
-            batch.state, normalize(batch.draft), normalize(batch.past), normalize(batch.chunks), latent
-        )
+        scale = self._controller.scale
+        past = (batch.past / scale.scale[0, :, None]).clamp(-6.0, 6.0).flatten(1)
+        return network(batch.state, scale.normalize(batch.draft), past, scale.normalize(batch.chunks), latent)
 
-    def _picked(self, network: Score, batch: Batch, latent: Tensor, distance: Tensor) -> Tensor:
-        return distance.gather(1, self._score(network, batch, latent).argmax(1, keepdim=True))[:, 0]
-
-    def _soft(self, network: Score, batch: Batch, latent: Tensor) -> Tensor:
-        weights = self._score(network, batch, latent).softmax(1)
-        return (weights[..., None, None, None] * batch.chunks).sum(1)
+    def _picked(self, network: Score, batch: Batch, latent: Tensor) -> Tensor:
+        return self._score(network, batch, latent).argmax(1, keepdim=True)
 
 
 def _similar(draft: Tensor, count: int) -> Tensor:

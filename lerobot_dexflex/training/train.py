@@ -14,27 +14,24 @@ from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.experts.reach.operator import CORRECTION
 from lerobot_dexflex.runs.lock import locked
 from lerobot_dexflex.runs.provenance import weights_digest
 from lerobot_dexflex.training.bank import BankConfig, ProposalBank
 from lerobot_dexflex.training.claim import claim
-from lerobot_dexflex.training.corpus_data import CorpusData, ReplayData, corpus_digest
-from lerobot_dexflex.training.decoder import DecoderConfig, DecoderStage
+from lerobot_dexflex.training.corpus_data import CorpusData, corpus_digest
 from lerobot_dexflex.training.diffusion_prior import DexGenConfig, DexGenStage
 from lerobot_dexflex.training.encoder_prior import EncoderPriorConfig, EncoderPriorStage, part
 from lerobot_dexflex.training.fit import DONE, FitConfig, Stage, fit, load_finished
 from lerobot_dexflex.training.score import ScoreConfig, ScoreStage
 from lerobot_dexflex.training.world_model import WorldModelConfig, WorldModelStage
 
-STAGES = ("encoder_prior", "world_model", "score", "decoder", "dexgen")
+STAGES = ("encoder_prior", "world_model", "score", "dexgen")
 """The last one is the baseline's: it needs the first only."""
 
 _PARTS: dict[str, Callable[["Trainer"], nn.Module]] = {
     "encoder_prior": lambda trainer: part(trainer.controller),
     "world_model": lambda trainer: trainer.controller.world_model,
     "score": lambda trainer: trainer.controller.ranker,
-    "decoder": lambda trainer: trainer.controller.decoder,
     "dexgen": lambda trainer: trainer.dexgen,
 }
 """What each stage decides."""
@@ -66,14 +63,11 @@ class TrainConfig:
     """Seed of initial weights and of all draws."""
     threads: int = 1
     """Threads of torch."""
-    operator_gain: float = CORRECTION
-    """Share of the commanded fingertips' error that the corpus's operator takes back per step."""
     network: NetworkConfig = field(default_factory=NetworkConfig)
     bank: BankConfig = field(default_factory=BankConfig)
     encoder_prior: EncoderPriorConfig = field(default_factory=EncoderPriorConfig)
     world_model: WorldModelConfig = field(default_factory=WorldModelConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
-    decoder: DecoderConfig = field(default_factory=DecoderConfig)
     dexgen: DexGenConfig = field(default_factory=DexGenConfig)
 
     def __post_init__(self) -> None:
@@ -95,9 +89,7 @@ class Trainer:
 
     def __init__(self, config: TrainConfig) -> None:
         self.config = config
-        gain = config.operator_gain
-        self.train = CorpusData(config.corpus, "train", gain)
-        self.tune = CorpusData(config.corpus, "tune", gain)
+        self.train, self.tune = (CorpusData(config.corpus, split) for split in ("train", "tune"))
         torch.manual_seed(config.seed)
         if config.init_from:
             self.controller = DexFlexController.from_pretrained(config.init_from)
@@ -114,17 +106,12 @@ class Trainer:
             return EncoderPriorStage(controller, self.train, self.tune, settings), settings.fit
         if name == "world_model":
             settings = config.world_model
-            train = (self.train, ReplayData(config.corpus, "train", self.train))
-            tune = (self.tune, ReplayData(config.corpus, "tune", self.tune))
-            return WorldModelStage(controller, train, tune, settings), settings.fit
+            return WorldModelStage(controller, self.train, self.tune, settings), settings.fit
         if name == "dexgen":
             settings = config.dexgen
             return DexGenStage(controller, self.dexgen, self.train, self.tune, settings), settings.fit
         train_bank, tune_bank = self._banks()
-        if name == "score":
-            return ScoreStage(controller, train_bank, tune_bank, config.score), config.score.fit
-        train, tune = (self.train, train_bank), (self.tune, tune_bank)
-        return DecoderStage(controller, train, tune, config.decoder), config.decoder.fit
+        return ScoreStage(controller, train_bank, tune_bank, config.score), config.score.fit
 
     def _banks(self) -> tuple[ProposalBank, ProposalBank]:
         config, folder = self.config.bank, self.config.output / "bank"
@@ -146,7 +133,6 @@ class Trainer:
         start = find(config.init_from) if config.init_from else None
         return {
             "corpus": corpus_digest(config.corpus),
-            "replays": corpus_digest(config.corpus / "replays") if name == "world_model" else "",
             "init_from": weights_digest([start.config, start.weights]) if start else "",
             "after": {stage: weights_digest([file]) for stage, file in files.items()},
         }
@@ -155,11 +141,10 @@ class Trainer:
         """Return everything on which a stage's weights depend, as plain values."""
         config = self.config
         own: dict[str, Any] = {name: asdict(getattr(config, name))}
-        if name in ("score", "decoder"):
+        if name == "score":
             own["bank"] = asdict(config.bank)
         shared = {
             "seed": config.seed,
-            "operator_gain": config.operator_gain,
             "network": asdict(config.network),
         }
         return shared | own | self.before(name)

@@ -298,9 +298,7 @@ class Operator:
         right, executed = fingers.forces
         return right.copy(), executed.copy()
 
-    def _first_step(
-        self, now: HandState, points: Array, carrying: NDArray[np.bool_]
-    ) -> tuple[Array, Array]:
+    def _first_step(self, now: HandState, points: Array, carrying: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the joints after this step [rad] (16,) and the motion of the tips to there [m] (4, 3)."""
         fingers = self.fingers
         moved, turned = self._ahead_of(now)
@@ -353,9 +351,7 @@ class Operator:
             local, done = goal + min(PRESS, -APPROACH + PLACE_SPEED * timer) * inward, False
         return local, mode + done, 0 if done else timer
 
-    def _solve(
-        self, joints: Array, points: Array, asked: Array, carrying: NDArray[np.bool_]
-    ) -> Array:
+    def _solve(self, joints: Array, points: Array, asked: Array, carrying: NDArray[np.bool_]) -> Array:
         """Return joints [rad] (16,) that move contact points, or the tips of free fingers, as asked [m]."""
         origins, axes, _ = kernels.frames(joints)
         solved = joints.copy()
