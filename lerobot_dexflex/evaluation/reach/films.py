@@ -119,7 +119,7 @@ class _Watcher:
         if self._wrist is None:
             self._wrist = Camera(env.model, "wrist")
         # The ghost of the goal moves with the next control step; nothing collides with it.
-        env.data.mocap_pos[0], env.data.mocap_quat[0] = slot.held.operator.controller.goal
+        env.data.mocap_pos[0], env.data.mocap_quat[0] = slot.held.operator.goal
         pixels = {"front": env.render(), "wrist": self._wrist.render(env.data)}
         info = {"progress": slot.episode.progress / len(slot.episode.chain.goals), "is_success": False}
         row = None if change is None else change.row(0)

@@ -9,7 +9,7 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -74,7 +74,7 @@ class Trial(NamedTuple):
 
     def make(self) -> PressInterface:
         """Build the interface."""
-        options = {name: value for name, value in self.settings.items() if name != "gain"}
+        options: dict[str, Any] = {name: value for name, value in self.settings.items() if name != "gain"}
         interface = make_press(**options | {name: bool(options[name]) for name in SWITCHES})
         interface.gain = self.settings["gain"]
         return interface

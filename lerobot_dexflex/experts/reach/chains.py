@@ -1,7 +1,8 @@
 """Chains of goals, the episodes of the in-hand benchmark.
 
-`unverified` chains are the main ones: eight goals around the start pose, feasible by geometry, that nobody tried;
-what fails may be the goal's fault. For a `verified` chain the operator tries each goal from where it came, once clean and once with a little noise, and then the whole: what fails later is the doing of the
+`unverified` chains are the main ones: eight goals around the start pose, feasible by geometry, that nobody
+tried; what fails may be the goal's fault. For a `verified` chain the operator tries each goal from where it
+came, once clean and once with a little noise, and then the whole: what fails later is the doing of the
 command's errors or of the method under test, but easy objects are favoured.
 """
 
