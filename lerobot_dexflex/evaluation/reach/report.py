@@ -4,10 +4,11 @@ import html
 from collections.abc import Iterable
 from pathlib import Path
 
+from lerobot_dexflex.evaluation.conditions import Condition
 from lerobot_dexflex.evaluation.reach import plots, tables
 from lerobot_dexflex.evaluation.reach.benchmark import Benchmark
 from lerobot_dexflex.evaluation.reach.films import choose_episode, show_episode
-from lerobot_dexflex.evaluation.reach.summary import Summary
+from lerobot_dexflex.evaluation.reach.summary import Summary, family
 from lerobot_dexflex.evaluation.report.html_parts import document, picture, table, video, write_page
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.table import Table
@@ -25,7 +26,8 @@ def write_report(benchmark: Benchmark, summary: Summary, films: bool = True) -> 
         films: Whether to run an episode again to film it.
     """
     (benchmark.output / TABLES).write_text(tables.markdown(summary) + "\n")
-    removals = [name for name in benchmark.conditions if name.startswith("removal")]
+    first = plots.settings(summary)[0]
+    removals = [n for n in summary.run if family(n) == "removal" and Condition.parse(n).setting == first]
     header = tables.metric_header(summary)
     sections = [
         "<h1>Degraded drafts: who keeps hold of the object and follows the intent?</h1>",
