@@ -1,6 +1,6 @@
-"""Degrade an operator's commands and compare who recovers the intent: tables, tests, a report with a film.
+"""Degrade an operator's drafts and compare who follows the intent: tables, tests, a report with a film.
 
-python eval/degraded_commands.py --methods=raw,shrink:0.5,dexflex --conditions=clean,removal_2mm
+python eval/degraded_commands.py --methods=raw,press,dexflex --conditions=clean,removal_2mm,pressing
 
 Interrupt with Ctrl-C and run the same command again to continue; more methods, conditions or episodes extend
 it.
@@ -14,35 +14,35 @@ from pathlib import Path
 from lerobot_dexflex import console
 from lerobot_dexflex.errors import DexFlexError
 
-METHODS = (
-    "raw,filter,hold,shrink:0.5,shrink:0.7,clip:0.0015,reflex,dexgen,dexgen@0.7,dexflex,dexflex@0.7,clean"
+METHODS = "raw,press,press:blocked=True,projection,dexgen,dexflex,forces,operator"
+CONDITIONS = (
+    "clean,noise_2mm,scale_1.5,delay_2,removal_2mm,removal_3mm,bias_1mm,"
+    "pressing,noise_2mm+pressing,scale_1.5+pressing,delay_2+pressing,"
+    "removal_2mm+pressing,removal_3mm+pressing,bias_1mm+pressing"
 )
-CONDITIONS = "clean,noise_1mm,noise_2mm,scale_1.5,delay_2,removal_2mm,removal_3mm"
 EPISODES = 300
-ABLATION_METHODS = tuple(
-    f"dexflex-{name}" for name in ("noscore", "notouch", "noconsequence", "nopure", "noseeded", "noslow")
-)
 GRID_METHODS = tuple(
-    f"dexflex:n_pure={count // 2}+n_seeded={count - count // 2 - 2}+nfe={evaluations}"
+    f"dexflex:n_pure={count // 2}+n_seeded={count - count // 2 - 1}+nfe={evaluations}"
     for count in (4, 16, 64)
     for evaluations in (1, 4)
 )
 OUTPUT = Path("outputs/degraded")
-DEMO_METHODS, DEMO_CONDITIONS, DEMO_EPISODES = "raw,shrink:0.5,reflex", "clean,removal_3mm", 8
+DEMO_METHODS, DEMO_CONDITIONS, DEMO_EPISODES = "raw,press,forces,operator", "clean,removal_3mm", 8
 
 
 @dataclass
 class Config:
-    """Compare methods under degraded commands on the same episodes of moving an object in the hand."""
+    """Compare methods under degraded drafts on the same episodes of moving an object in the hand."""
 
     methods: str = ""
-    """`name[-ablation][:options][@gain],...`; also the upper bounds `clean`, `oracle`, `oracle:clean`. Empty:
-    twelve, see `METHODS`."""
+    """`name[-ablation][:options][@gain],...`; also the upper bounds `operator`, `forces`, `oracle`. Empty:
+    see `METHODS`."""
     conditions: str = ""
-    """What goes wrong, separated by commas, such as `removal_2mm` or `delay_2+unverified`. Empty:
-    seven, see `CONDITIONS`."""
+    """What goes wrong, separated by commas, such as `removal_2mm` or `delay_2+noise_2mm`; `+pressing` for
+    drafts that command into the object, `+verified` for goals that the operator reaches. Empty: seven with
+    both sources, see `CONDITIONS`."""
     ablations: bool = False
-    """Also run the six ablations of dexflex."""
+    """Also run all ablations of dexflex."""
     grid: bool = False
     """Also run dexflex by numbers of candidates and function evaluations."""
     episodes: int = 0
@@ -89,12 +89,14 @@ def _work(config: Config, words: list[str]) -> int:
     from lerobot_dexflex.evaluation.reach.report import write_report
     from lerobot_dexflex.evaluation.reach.summary import summarise
     from lerobot_dexflex.evaluation.reach.tables import markdown
+    from lerobot_dexflex.interfaces.registry import INTERFACES
 
     methods, conditions, episodes = METHODS, CONDITIONS, EPISODES
     if config.demo:
         methods, conditions, episodes = DEMO_METHODS, DEMO_CONDITIONS, DEMO_EPISODES
     kind = "demo" if config.demo else "tuning" if config.tuning else "test"
-    variants = (*ABLATION_METHODS * config.ablations, *GRID_METHODS * config.grid)
+    ablations = [f"dexflex-{name}" for name in INTERFACES["dexflex"].ablations] if config.ablations else []
+    variants = (*ablations, *GRID_METHODS * config.grid)
     benchmark = Benchmark(
         methods=(*_names(config.methods or methods), *variants),
         conditions=_names(config.conditions or conditions),

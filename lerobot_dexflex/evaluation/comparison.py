@@ -8,7 +8,7 @@ import pandas as pd
 
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.conditions import CLEAN, Condition
+from lerobot_dexflex.evaluation.conditions import CLEAN, IN_HAND, Condition
 from lerobot_dexflex.evaluation.outcome import COLUMNS
 from lerobot_dexflex.evaluation.rollout import Players, Watcher, run_job
 from lerobot_dexflex.runs.jobs import Job, run_missing
@@ -161,9 +161,10 @@ def _check_condition(name: str) -> None:
     condition = Condition.parse(name)
     if name != condition.name:  # Under another name its rows would run again.
         raise DexFlexError(f"Write the condition {name!r} as {condition.name!r}.")
-    if not condition.verified:
+    if words := [word for word in condition.setting if word in IN_HAND]:
         raise DexFlexError(
-            f"{name!r}: `unverified` is about goals of the in-hand benchmark (eval/degraded_commands.py)."
+            f"{name!r}: `{words[0]}` means something in the in-hand benchmark only "
+            "(eval/degraded_commands.py)."
         )
 
 

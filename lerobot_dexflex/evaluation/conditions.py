@@ -1,25 +1,30 @@
-"""Conditions of comparisons by name: what goes wrong with commands and world, and which goals are set."""
+"""Conditions of comparisons by name: what goes wrong with commands and world, who commands, which goals."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Literal, Self
 
 from lerobot_dexflex.commands.families import FAMILIES, NO_ERRORS, CommandErrors
 from lerobot_dexflex.envs.disturbance import DISTURBANCES
 from lerobot_dexflex.errors import DexFlexError
 
-CLEAN, UNVERIFIED = "clean", "unverified"
+CLEAN = "clean"
+PRESSING, VERIFIED = "pressing", "verified"
+IN_HAND = (PRESSING, VERIFIED)
+"""Words that mean something in the in-hand benchmark only."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One condition; its name is words joined by `+`: errors, a disturbance, `unverified`; or `clean`."""
+    """A condition; its name is words joined by `+`: errors, a disturbance, some of `IN_HAND`; or `clean`."""
 
     errors: CommandErrors = NO_ERRORS
     """What goes wrong with commands."""
     disturbance: str = "none"
     """A name of `envs.disturbance.DISTURBANCES`: what differs in the world."""
-    verified: bool = True
-    """Whether the operator was seen to reach the goals with clean commands (in-hand benchmark)."""
+    source: Literal["motion", "pressing"] = "motion"
+    """What drafts say (in-hand benchmark); see `commands.loop.Source`."""
+    verified: bool = False
+    """Whether the operator was seen to reach the goals (in-hand benchmark)."""
 
     @classmethod
     def parse(cls, name: str) -> Self:
@@ -30,9 +35,9 @@ class Condition:
         """
         words = [word for word in name.split("+") if word != CLEAN]
         disturbances = [word for word in words if word in DISTURBANCES]
-        errors = [word for word in words if word not in (*DISTURBANCES, UNVERIFIED)]
+        errors = [word for word in words if word not in (*DISTURBANCES, *IN_HAND)]
         if strangers := [word for word in errors if word.partition("_")[0] not in FAMILIES]:
-            known = (CLEAN, *DISTURBANCES, UNVERIFIED, *(f"{family}_<strength>" for family in FAMILIES))
+            known = (CLEAN, *DISTURBANCES, *IN_HAND, *(f"{family}_<strength>" for family in FAMILIES))
             raise DexFlexError(
                 f"Unknown word {strangers[0]!r} in the condition {name!r}. Valid, joined by `+`: "
                 f"{', '.join(known)}."
@@ -42,11 +47,20 @@ class Condition:
                 f"The condition {name!r} names {' and '.join(disturbances)}; at most one disturbance is "
                 "possible."
             )
-        parsed = CommandErrors.parse("+".join(errors)) if errors else NO_ERRORS
-        return cls(parsed, (disturbances or ["none"])[0], UNVERIFIED not in words)
+        return cls(
+            CommandErrors.parse("+".join(errors)) if errors else NO_ERRORS,
+            (disturbances or ["none"])[0],
+            "pressing" if PRESSING in words else "motion",
+            VERIFIED in words,
+        )
 
     @property
     def name(self) -> str:
         """Canonical name; `parse` reads it."""
-        words = [self.errors.name, self.disturbance, "" if self.verified else UNVERIFIED]
-        return "+".join(word for word in words if word not in (CLEAN, "none", "")) or CLEAN
+        return "+".join(word for word in (self.errors.name, *self.setting) if word != CLEAN) or CLEAN
+
+    @property
+    def setting(self) -> tuple[str, ...]:
+        """The words of its name that are no errors."""
+        words = (self.disturbance, PRESSING * (self.source == "pressing"), VERIFIED * self.verified)
+        return tuple(word for word in words if word not in ("none", ""))

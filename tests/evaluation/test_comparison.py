@@ -159,7 +159,7 @@ def test_batches_are_other_versions_by_where_they_begin(comparison):
         ({"conditions": ()}, "`conditions` must be one or more"),
         ({"conditions": ("rain",)}, "Unknown word 'rain'"),
         ({"conditions": ("heavy+removal_2mm",)}, r"Write .* as 'removal_2mm\+heavy'"),
-        ({"conditions": ("unverified",)}, "in-hand benchmark"),
+        ({"conditions": ("noise_2mm+verified",)}, "in-hand benchmark"),
     ],
 )
 def test_settings_that_mean_nothing_are_refused(comparison, change, message):

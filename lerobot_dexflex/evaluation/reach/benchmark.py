@@ -11,7 +11,7 @@ from lerobot_dexflex.commands.loop import MAX_STEPS
 from lerobot_dexflex.envs.disturbance import DISTURBANCES
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.conditions import Condition
+from lerobot_dexflex.evaluation.conditions import IN_HAND, Condition
 from lerobot_dexflex.evaluation.reach.bounds import ORACLE
 from lerobot_dexflex.evaluation.reach.chain_book import TEST_SEED, TUNING_SEED, ChainBook
 from lerobot_dexflex.evaluation.reach.episodes import COLUMNS, chain_digest, run_episodes
@@ -80,7 +80,7 @@ class Benchmark:
         return self.output / TABLE
 
     def book(self, condition: str) -> ChainBook:
-        """Return the chains of a condition; all conditions of verified goals share theirs."""
+        """Return the chains of a condition; all conditions of the same goals share theirs."""
         verified = Condition.parse(condition).verified
         kind = "verified" if verified else "unverified"
         return ChainBook(self.chains / f"{kind}_{self.first_seed}.jsonl", self.first_seed, verified)
@@ -154,7 +154,7 @@ def _check_condition(name: str) -> None:
     if disturbed := sorted(set(name.split("+")) & set(DISTURBANCES)):
         raise DexFlexError(
             f"The in-hand benchmark spoils commands only; it has no {', '.join(disturbed)} hand. Valid in "
-            "conditions: errors of commands and `unverified`."
+            f"conditions: errors of commands, {', '.join(IN_HAND)}."
         )
 
 

@@ -1,17 +1,20 @@
-"""Chains on disk: verified once, used by every method; built by the same command that needs them."""
+"""Chains on disk: built once, by the same command that needs them; used by every method."""
 
 import functools
 import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tqdm import tqdm
 
+from lerobot_dexflex.commands.families import NO_ERRORS
+from lerobot_dexflex.commands.loop import run_chains
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.experts.reach.chains import Chain, build_chain
+from lerobot_dexflex.evaluation.reach.privileged import OperatorInterface
+from lerobot_dexflex.experts.reach.chains import MAX_STEPS, Chain, build_chain
 from lerobot_dexflex.runs.lock import locked
 from lerobot_dexflex.runs.workers import run_each
 
@@ -33,7 +36,7 @@ class ChainBook:
 
     path: Path
     first_seed: int
-    verified: bool = True
+    verified: bool = False
 
     def ensure(self, count: int, workers: int = 2, quiet: bool = False, build: Build | None = None) -> None:
         """Build chains until there are `count`; what is there is kept, so an interrupt loses little.
@@ -115,8 +118,18 @@ class ChainBook:
 
 
 def build_in_simulator(seed: int, verified: bool) -> Chain | None:
-    """Return the chain of a seed, or None if the operator does not find eight goals."""
-    return build_chain(_environment(), seed, verified)
+    """Return the chain of a seed with the operator's own steps, or None if there are no eight goals."""
+    chain = build_chain(_environment(), seed, verified)
+    return None if chain is None else replace(chain, steps=operator_steps(chain))
+
+
+def operator_steps(chain: Chain) -> int:
+    """Return how many control steps the operator takes with its own joint targets, by the loop's rules.
+
+    `MAX_STEPS` if it drops the object.
+    """
+    (episode,) = run_chains([chain], NO_ERRORS, OperatorInterface())
+    return MAX_STEPS if episode.dropped else episode.steps
 
 
 @functools.cache

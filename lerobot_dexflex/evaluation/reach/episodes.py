@@ -17,10 +17,10 @@ from lerobot_dexflex.evaluation.reach.metrics import Metrics, around_events, mea
 from lerobot_dexflex.experts.reach.chains import Chain
 from lerobot_dexflex.interfaces.protocol import Interface
 
-BRANCHES = ("draft", "pure", "seeded", "contact")
+BRANCHES = ("draft", "pure", "seeded")
 """Kinds of candidates that a method may choose among; each has a column, the share of its steps."""
 COLUMNS = ("chain", "steps", "dropped", *Metrics._fields, "around", *BRANCHES)
-"""Of the benchmark's rows. `chain` is a digest of start and goals, `around` the intervention around removals:
+"""Of the benchmark's rows. `chain` is a digest of start and goals, `around` the intervention around events:
 its mean in each of `EVENT_LAGS`, words of one text."""
 
 
@@ -31,14 +31,15 @@ def run_episodes(
 
     Args:
         chains: Starts and goals.
-        condition: Name of what goes wrong.
+        condition: Name of what goes wrong and who commands.
         interface: The method under test.
         batch: Hands that are simulated side by side.
 
     Returns:
         `COLUMNS` of each episode, in the order of the chains.
     """
-    episodes = run_chains(chains, Condition.parse(condition).errors, interface, batch=batch)
+    parsed = Condition.parse(condition)
+    episodes = run_chains(chains, parsed.errors, interface, source=parsed.source, batch=batch)
     return [episode_row(episode) for episode in episodes]
 
 
@@ -49,7 +50,7 @@ def episode_row(episode: Episode, max_steps: int = MAX_STEPS) -> dict[str, Any]:
         episode: From `run_chains`.
         max_steps: Time limit that it ran under [control steps].
     """
-    change = relative_error(episode.executed, episode.draft)
+    change = relative_error(episode.selected, episode.draft)
     around = around_events(change, episode.in_event)
     return {
         "chain": chain_digest(episode.chain),

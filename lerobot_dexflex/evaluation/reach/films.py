@@ -1,19 +1,24 @@
 """Run one episode again under several methods, to film, record and draw it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
+from torch import Tensor
 
 from lerobot_dexflex.commands.loop import Episode, Privileged, Slot, run_chains
+from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.evaluation.conditions import Condition
-from lerobot_dexflex.evaluation.observed import ObservedInterface
+from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.evaluation.report.film import Film, side_by_side
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces.method import Method
+from lerobot_dexflex.interfaces.protocol import Interface
+from lerobot_dexflex.interfaces.wrapper import WrappedInterface
 
 
 class Ending(NamedTuple):
@@ -37,13 +42,13 @@ class Shown(NamedTuple):
     """By method."""
 
 
-def choose_episode(rows: pd.DataFrame, condition: str, saved_by: str) -> int | None:
-    """Return the seed of the first episode that raw drops and another method does not; None without any.
+def choose_episode(rows: pd.DataFrame, condition: str, dropped_by: str, saved_by: str) -> int | None:
+    """Return the seed of the first episode that one method drops and another does not; None without any.
 
     It is a selection, and a report has to say so.
     """
     here = rows[rows["condition"] == condition]
-    fallen = here.loc[(here["method"] == "raw") & here["dropped"].astype(bool), "seed"]
+    fallen = here.loc[(here["method"] == dropped_by) & here["dropped"].astype(bool), "seed"]
     held = here.loc[(here["method"] == saved_by) & ~here["dropped"].astype(bool), "seed"]
     return min(set(fallen) & set(held), default=None)
 
@@ -55,12 +60,12 @@ def show_episode(
 
     Args:
         chain: The episode's chain.
-        condition: What goes wrong.
+        condition: What goes wrong, and who commands.
         methods: Which methods.
         folder: Folder of the benchmark; writes into `videos` and `rerun`.
         controller: Folder or hub id of the trained controller; the shipped one if empty.
     """
-    clips: list[Path] = []
+    parsed, clips = Condition.parse(condition), list[Path]()
     episodes: dict[str, Episode] = {}
     for name in methods:
         stem = f"{condition}_{chain.seed}_{name.replace(':', '_')}"
@@ -68,8 +73,7 @@ def show_episode(
         interface = _Observed(Method.parse(name).make(controller))
         log = RerunLog(folder / "rerun" / f"{stem}.rrd", name, chain.seed)
         watcher = _Watcher(interface, Film(clips[-1]), log)
-        errors = Condition.parse(condition).errors
-        (episodes[name],) = run_chains([chain], errors, interface, watch=watcher)
+        (episodes[name],) = run_chains([chain], parsed.errors, interface, source=parsed.source, watch=watcher)
         watcher.close(_ending(name, episodes[name]))
     path = folder / "videos" / f"{condition}_{chain.seed}_side_by_side.mp4"
     side_by_side(clips, path)
@@ -81,13 +85,24 @@ def _ending(method: str, episode: Episode) -> Ending:
     return Ending(method, episode.chain.seed, episode.steps, ending)
 
 
-class _Observed(ObservedInterface):
-    """Lets an upper bound look on."""
+class _Observed(WrappedInterface[Interface]):
+    """Remembers how the inner interface changed the last draft, and lets an upper bound look on."""
+
+    change: Motion | None = None
 
     def see(self, slots: Sequence[Slot | None]) -> None:
         """Look at the running episodes, if the inner interface does; see `Privileged`."""
         if isinstance(self.inner, Privileged):
             self.inner.see(slots)
+
+    def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
+        """Return the inner interface's joint targets; see `Interface.step`."""
+        targets = super().step(observation, draft)
+        motion = self.motion
+        assert motion is not None
+        tips = fingertips(observation[STATE][:, -targets.shape[1] :].double())
+        self.change = Motion(*(part.numpy() for part in (draft[:, 0], motion, tips + motion)))
+        return targets
 
 
 class _Watcher:
@@ -100,14 +115,14 @@ class _Watcher:
     def __call__(self, index: int, slot: Slot) -> None:
         """See the state after a step."""
         del index
-        env, motion = slot.held.env, self._interface.motion
+        env, change = slot.held.env, self._interface.change
         if self._wrist is None:
             self._wrist = Camera(env.model, "wrist")
         # The ghost of the goal moves with the next control step; nothing collides with it.
-        env.data.mocap_pos[0], env.data.mocap_quat[0] = slot.held.operator.controller.goal
+        env.data.mocap_pos[0], env.data.mocap_quat[0] = slot.held.operator.goal
         pixels = {"front": env.render(), "wrist": self._wrist.render(env.data)}
         info = {"progress": slot.episode.progress / len(slot.episode.chain.goals), "is_success": False}
-        row = None if motion is None else motion.row(0)
+        row = None if change is None else change.row(0)
         for part in (self._film, self._log):
             part.watch(env, slot.observation | {"pixels": pixels}, info, row)
         if slot.episode.explanations:

@@ -1,5 +1,6 @@
 """What one episode is worth, from its series; everything is computed once, after the episode."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -12,40 +13,58 @@ from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 Array = NDArray[np.float64]
 
 EPSILON = 0.002
-"""Regularises relative errors where a command stands still [m]; as large as a median clean command."""
+"""Regularises relative errors where a motion stands still [m]; as large as a median clean motion."""
+TIGHT_BUDGET = 1.25
+"""The tight time budget of a chain, over the steps that the operator took itself."""
 EVENT_BIN = 4
 EVENT_LAGS = np.arange(-8, 24, EVENT_BIN)
-"""Control steps from the first step of a removal at which bins of `EVENT_BIN` steps begin; interventions are
+"""Control steps from the first step of an event at which bins of `EVENT_BIN` steps begin; interventions are
 averaged in each."""
 
 
 class Metrics(NamedTuple):
-    """Numbers of one episode; u* = clean command, ũ = draft, û = executed, each (steps, 4, 3) [m]."""
+    """Numbers of one episode; u* = clean motion, ũ = draft, û = selected, each (steps, 4, 3) [m]."""
 
     duration: float
     """Share of the time limit until the object was dropped; 1 if it never was."""
     progress: float
-    """Goals reached plus partial credit, over all goals."""
+    """Goals reached plus partial credit, over all goals, within the full time limit."""
+    progress_budget: float
+    """The same within `TIGHT_BUDGET`, at most the full limit: standing still costs something."""
+    goal_steps: float | None
+    """Mean control steps of the goals that were reached; None without any. Easy goals are reached by all, so
+    that only methods that reach about as many may be compared."""
     intent: float
     """Intent error ||û - u*|| / (||u*|| + 2 mm), completed: after a drop every step counts 1. An average over
     the living steps alone would reward dropping early."""
+    intent_loaded: float | None
+    """The same over the fingers that carry load before the step, completed too; None if none ever does."""
+    intent_free: float | None
+    """Over the fingers that carry none."""
     intent_event: float | None
-    """The error over the steps of removals; None without any."""
+    """The error over the steps of events (removal, freeze, dropout), not completed; None without any."""
     intent_calm: float | None
-    """Over all other steps of an episode with removals."""
+    """Over all other steps of an episode with events."""
     intervention: float
     """||û - ũ|| / (||ũ|| + 2 mm) over the steps that were run."""
     intervention_event: float | None
     intervention_calm: float | None
     retention: float | None
     """Share of loaded fingers that still carry load 8 steps later; a drop loses all. Fingers that are lifted
-    on purpose count as lost, for all methods alike, so the clean operator does not reach 1."""
+    on purpose count as lost, for all methods alike, so the operator does not reach 1."""
 
 
-def relative_error(first: Array, second: Array) -> Array:
-    """Return ||first - second|| / (||second|| + EPSILON) per step, over all four fingertips. Shape (T,)."""
-    size = np.linalg.norm(second.reshape(len(second), -1), axis=1)
-    return np.linalg.norm((first - second).reshape(len(first), -1), axis=1) / (size + EPSILON)
+def relative_error(first: Array, second: Array, fingers: NDArray[np.bool_] | None = None) -> Array:
+    """Return ||first - second|| / (||second|| + EPSILON) per step, over the fingertips. Shape (T,).
+
+    Args:
+        first: Motions [m]. Shape (T, 4, 3).
+        second: What they are compared with [m]. Shape (T, 4, 3).
+        fingers: Which fingertips count; all if None. Shape (T, 4).
+    """
+    counted = np.ones((len(first), 4, 1)) if fingers is None else fingers[..., None]
+    size = np.linalg.norm((second * counted).reshape(len(second), -1), axis=1)
+    return np.linalg.norm(((first - second) * counted).reshape(len(first), -1), axis=1) / (size + EPSILON)
 
 
 def measure(episode: Episode, max_steps: int = MAX_STEPS) -> Metrics:
@@ -56,14 +75,17 @@ def measure(episode: Episode, max_steps: int = MAX_STEPS) -> Metrics:
         max_steps: Time limit that it ran under [control steps].
     """
     duration = min(1.0, episode.steps / max_steps) if episode.dropped else 1.0
-    intent = relative_error(episode.executed, episode.label)
-    change = relative_error(episode.executed, episode.draft)
-    event = episode.in_event.astype(bool)
-    alive = float(intent.mean())
+    intent = relative_error(episode.selected, episode.label)
+    change = relative_error(episode.selected, episode.draft)
+    event, loaded = episode.in_event.astype(bool), episode.loads > CONTACT_FORCE
     return Metrics(
         duration=duration,
         progress=episode.progress,
-        intent=alive * duration + (1.0 - duration),
+        progress_budget=_progress_at(episode, min(max_steps, tight_budget(episode.chain.steps))),
+        goal_steps=_mean(np.array(episode.goal_steps, float)),
+        intent=float(intent.mean()) * duration + (1.0 - duration),
+        intent_loaded=_intent_of(episode, loaded, duration),
+        intent_free=_intent_of(episode, ~loaded, duration),
         intent_event=_mean(intent[event]),
         intent_calm=_mean(intent[~event]) if event.any() else None,
         intervention=float(change.mean()),
@@ -71,6 +93,22 @@ def measure(episode: Episode, max_steps: int = MAX_STEPS) -> Metrics:
         intervention_calm=_mean(change[~event]) if event.any() else None,
         retention=contact_retention(episode.loads, episode.dropped),
     )
+
+
+def tight_budget(operator_steps: int) -> int:
+    """Return the tight time budget of a chain that took the operator so many control steps."""
+    return math.ceil(TIGHT_BUDGET * operator_steps)
+
+
+def _progress_at(episode: Episode, budget: int) -> float:
+    """Return the progress after so many steps; that of the end if there were fewer."""
+    return float(episode.progress_at[min(budget, episode.steps) - 1])
+
+
+def _intent_of(episode: Episode, fingers: NDArray[np.bool_], duration: float) -> float | None:
+    error = relative_error(episode.selected, episode.label, fingers)
+    alive = _mean(error[fingers.any(1)])
+    return None if alive is None else alive * duration + (1.0 - duration)
 
 
 def contact_retention(loads: Array, dropped: bool, horizon: int = DRAFT_HORIZON) -> float | None:
@@ -91,13 +129,13 @@ def contact_retention(loads: Array, dropped: bool, horizon: int = DRAFT_HORIZON)
 
 
 def around_events(series: Array, in_event: NDArray[np.bool_]) -> Array | None:
-    """Return the mean of a series in bins around removals, as `EVENT_LAGS`; None without removals.
+    """Return the mean of a series in bins around events, as `EVENT_LAGS`; None without events.
 
-    Steps before the episode or after its end are left out; bins in which no removal has a step are NaN.
+    Steps before the episode or after its end are left out; bins in which no event has a step are NaN.
 
     Args:
         series: One value per step. Shape (T,).
-        in_event: Whether a removal is going on. Shape (T,).
+        in_event: Whether an event is going on. Shape (T,).
     """
     began = np.flatnonzero(in_event & ~np.concatenate([[False], in_event[:-1]]))
     if not len(began):

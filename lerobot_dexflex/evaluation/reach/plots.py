@@ -1,6 +1,7 @@
 """The figures of the benchmark's report."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.families import REMOVAL_STEPS
 from lerobot_dexflex.commands.loop import Episode
-from lerobot_dexflex.evaluation.reach.bounds import CLEAN
+from lerobot_dexflex.evaluation.conditions import Condition
+from lerobot_dexflex.evaluation.reach.bounds import BOUNDS
 from lerobot_dexflex.evaluation.reach.metrics import EVENT_BIN, EVENT_LAGS, relative_error
 from lerobot_dexflex.evaluation.reach.summary import FAMILIES, Summary
 from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_figure, new_panels, png
@@ -18,25 +20,44 @@ from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.statistics import Mean
 
-BARS = {"duration": "duration", "progress": "task progress", "intent": "intent error"}
+BARS = {
+    "progress": "task progress",
+    "progress_budget": "in tight time",
+    "duration": "duration",
+    "intent": "intent error",
+}
+"""Metrics that are drawn, and their labels."""
 _PERIOD = 0.05
-_SHOWN_GAINS = ("shrink", "dexgen", "dexflex")
 
 
 def main_methods(methods: Sequence[str]) -> list[str]:
-    """Return the methods of a figure: one of each kind, no ablation, and preferably at gain 1."""
+    """Return the methods of a figure: one of each kind, no ablation, and preferably at gain 1.
+
+    Learned methods are of a kind if they have the base, others also if they take the same options.
+    """
     parsed = [method for name in methods if not (method := Method.parse(name)).ablation]
-    shown: dict[str, str] = {}
+    shown: dict[tuple[str, ...], str] = {}
     for method in sorted(parsed, key=lambda method: method.gain != 1.0):
-        shown.setdefault(method.base, method.name)
+        options = () if method.learned else tuple(key for key, _ in method.options)
+        shown.setdefault((method.base, *options), method.name)
     return [name for name in methods if name in shown.values()]
 
 
-def bars(summary: Summary) -> bytes:
-    """Draw duration, progress and intent error per condition and main method with bootstrap intervals."""
+def settings(summary: Summary) -> list[tuple[str, ...]]:
+    """Return the sources and kinds of goals that were run, as `Condition.setting`, in order."""
+    return list(dict.fromkeys(Condition.parse(name).setting for name in summary.run))
+
+
+def bars(summary: Summary, setting: tuple[str, ...] = ()) -> bytes:
+    """Draw `BARS` per error and main method with bootstrap intervals.
+
+    Args:
+        summary: What to draw.
+        setting: Source and kind of goals, one of `settings`; by default drafts of motion, unverified goals.
+    """
     methods = main_methods(summary.methods)
-    conditions = [name for name in summary.conditions if name != FAMILIES]
-    figure, panels = new_panels(9.0, 6.6, len(BARS))
+    conditions = [name for name in summary.run if Condition.parse(name).setting == setting]
+    figure, panels = new_panels(9.0, 2.1 * len(BARS), len(BARS))
     width = 0.85 / len(methods)
     for axes, (metric, label) in zip(panels, BARS.items(), strict=True):
         for k, name in enumerate(methods):
@@ -45,15 +66,18 @@ def bars(summary: Summary) -> bytes:
             axes.bar(at, heights, 0.92 * width, color=colour(k), label=name)
             axes.errorbar(at, heights, yerr=error, fmt="none", ecolor=INK, elinewidth=0.8, capsize=1.5)
         axes.set(ylabel=label, ylim=(0, None))
-        axes.set_xticks(range(len(conditions)), conditions)
+        axes.set_xticks(range(len(conditions)), [Condition.parse(name).errors.name for name in conditions])
     panels[0].legend(ncols=5, loc="lower left", bbox_to_anchor=(0, 1), **LEGEND)
     return png(figure)
 
 
 def around_removals(summary: Summary) -> bytes | None:
-    """Draw the mean intervention of the main methods around the first step of removals; None without any."""
-    here = summary.rows.dropna(subset="around")
-    conditions = [name for name in summary.conditions if name in set(here["condition"])]
+    """Draw the mean intervention of the main methods around the first step of removals; None without any.
+
+    Methods that never intervene are left out, and so are bounds.
+    """
+    here = set(summary.rows.dropna(subset="around")["condition"])
+    conditions = [name for name in summary.run if name in here and name.startswith("removal")]
     if not conditions:
         return None
     figure, panels = new_panels(7.0, 2.2 * len(conditions), len(conditions))
@@ -63,8 +87,8 @@ def around_removals(summary: Summary) -> bytes | None:
             curves = _curves(summary.of(name, condition))
             seen = np.isfinite(curves).sum(0)
             enough = seen > 1
-            if name in ("raw", CLEAN) or not enough.any():
-                continue  # Raw never intervenes; the clean operator replaces the draft.
+            if Method.parse(name).base in BOUNDS or not np.nan_to_num(curves[:, enough]).any():
+                continue
             at, curves = middle[enough], curves[:, enough]
             mean = np.nanmean(curves, 0)
             # Of hundreds of episodes; the normal interval is that of the bootstrap to the drawn line's width.
@@ -87,7 +111,7 @@ def interventions(episodes: Mapping[str, Episode]) -> bytes:
     figure, panels = new_panels(9.0, 1.5 * len(episodes) + 0.4, len(episodes))
     for k, (axes, (name, episode)) in enumerate(zip(panels, episodes.items(), strict=True)):
         time = _PERIOD * np.arange(episode.steps)
-        axes.plot(time, relative_error(episode.executed, episode.draft), color=colour(k), lw=1.5)
+        axes.plot(time, relative_error(episode.selected, episode.draft), color=colour(k), lw=1.5)
         _shade(axes, time, episode.in_event)
         contacts = axes.twinx()
         loaded = (episode.loads > CONTACT_FORCE).sum(1)
@@ -104,18 +128,17 @@ def interventions(episodes: Mapping[str, Episode]) -> bytes:
 
 
 def gains(summary: Summary) -> bytes | None:
-    """Draw progress over the output gain of shrink and of the learned methods; None with fewer than two."""
-    curves = {base: _gain_curve(summary, base) for base in _SHOWN_GAINS}
-    curves = {base: curve for base, curve in curves.items() if len(curve) > 1}
+    """Draw progress over the gain of the motion, for methods that ran with several; None without any."""
+    curves = {name: curve for name, curve in _gain_curves(summary.methods).items() if len(curve) > 1}
     if not curves or FAMILIES not in summary.conditions:
         return None
     figure, axes = new_figure(4.6, 2.8)
-    for k, (base, curve) in enumerate(curves.items()):
+    for k, (name, curve) in enumerate(curves.items()):
         at = sorted(curve)
         heights, error = _drawn([summary.means[curve[gain], FAMILIES]["progress"] for gain in at])
-        style = {"color": colour(k), "capsize": 3, "lw": 1.8, "fmt": "o-", "label": base}
+        style = {"color": colour(k), "capsize": 3, "lw": 1.8, "fmt": "o-", "label": name}
         axes.errorbar(at, heights, yerr=error, **style)
-    axes.set(xlabel="output gain (shrink at 1 is raw)", ylabel="progress, mean over families")
+    axes.set(xlabel="gain of the motion", ylabel="progress, mean over families")
     axes.legend(**LEGEND)
     return png(figure)
 
@@ -141,17 +164,11 @@ def _curves(rows: pd.DataFrame) -> NDArray[np.float64]:
     return np.array([text.split() for text in texts], float).reshape(-1, len(EVENT_LAGS))
 
 
-def _gain_curve(summary: Summary, base: str) -> dict[float, str]:
-    """Return method names by gain."""
-    found = {}
-    for name in summary.methods:
-        method = Method.parse(name)
-        if base == "shrink" and name == "raw":
-            found[1.0] = name
-        elif method.base == base == "shrink" and method.gain == 1.0:
-            found[float(dict(method.options).get("gain", 0.5))] = name
-        elif method.base == base and base != "shrink" and not method.ablation and not method.options:
-            found[method.gain] = name
+def _gain_curves(methods: Sequence[str]) -> dict[str, dict[float, str]]:
+    """Return, by the name without a gain, method names by gain."""
+    found: dict[str, dict[float, str]] = {}
+    for method in map(Method.parse, methods):
+        found.setdefault(replace(method, gain=1.0).name, {})[method.gain] = method.name
     return found
 
 

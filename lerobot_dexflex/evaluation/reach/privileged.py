@@ -40,7 +40,7 @@ class OperatorInterface(CommandedInterface):
 
 
 class ForcesInterface(CommandedInterface):
-    """Follow the draft with the operator's true forces as grip: what a perfect decoder gives. `Privileged`."""
+    """Follow the draft with the operator's forces as grip: what a perfect decoder gives. `Privileged`."""
 
     name: str = "forces"
 

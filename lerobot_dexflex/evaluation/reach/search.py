@@ -1,57 +1,60 @@
-"""Random search over the contact projection: every trial draws all its gains and limits at once.
+"""Random search over `press`, the hand-written grip: every trial draws all its settings at once.
 
 A quadratic model of the progress then says what each of them is worth. Thousands of noisy episodes that vary
 everything tell more than a few settings measured well: no episode is spent on one question alone. Training
-objects and goals that the operator never tried, so neither tuning nor test objects are touched.
+objects and goals that nobody tried, so neither tuning nor test objects are touched.
 """
 
 import functools
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import statsmodels.api as sm
 from numpy.typing import NDArray
 
-from lerobot_dexflex.commands.families import CommandErrors
-from lerobot_dexflex.commands.loop import run_chains
-from lerobot_dexflex.controller import SelectionSettings
-from lerobot_dexflex.controller.settings import ProjectionSettings
-from lerobot_dexflex.corpus.distortion import sample_errors
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
+from lerobot_dexflex.commands.loop import Source, run_chains
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
 from lerobot_dexflex.experts.reach.chains import Chain
-from lerobot_dexflex.interfaces.controller_folder import find_controller
-from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
-from lerobot_dexflex.interfaces.learned import shared_controller
-from lerobot_dexflex.interfaces.method import Method
+from lerobot_dexflex.interfaces.press import PressInterface, make_press
 from lerobot_dexflex.runs.jobs import Job, run_missing
 from lerobot_dexflex.runs.provenance import method_version
 from lerobot_dexflex.runs.table import Row
 
 RANGES = {
-    "gain": (0.3, 1.2),
-    "free_gain": (0.1, 1.0),
-    "internal_gain": (0.0, 0.8),
-    "closing_gain": (0.0, 1.2),
-    "opening_load": (0.0, 4.0),
-    "speed": (5e-4, 4e-3),
-    "squeeze_gain": (0.0, 2e-4),
-    "preload": (0.5, 6.0),
-    "return_speed": (0.0, 2.5e-3),
+    "force": (0.5, 6.0),
+    "release": (0.0, 0.02),
+    "servo": (0.0, 3e-4),
+    "back": (0.0, 1.5e-3),
+    "limit": (0.002, 0.02),
+    "gain": (0.4, 1.0),
+    "blocked": (0.0, 1.0),
 }
-"""Where every field of `ProjectionSettings` is drawn, uniformly."""
+"""Where every option of `press` and its gain of the motion are drawn, uniformly; of a switch, both ends."""
+SWITCHES = ("blocked",)
+ERRORS = {
+    "noise": (0.0005, 0.004),
+    "scale": (0.4, 1.6),
+    "delay": (1, 5),
+    "removal": (0.001, 0.004),
+    "bias": (0.0003, 0.0015),
+}
+"""Families of errors and where their strengths are drawn: [m], [1], [control steps], [m] per step, [m]."""
+CLEAN_SHARE = 0.2
+SOURCES: tuple[Source, ...] = ("motion", "pressing")
+"""Of trials with even and with odd numbers."""
 TRAINING_SEED = 1000
 """First seed of the chains: an object of the corpus's training split."""
-TASK, METHOD, TABLE = "Reach-v0", "projection", "search.csv"
-COLUMNS = ("errors", "progress", "dropped", *RANGES)
-"""Of a row. Every episode draws its own errors, as the corpus does; the condition numbers the trial."""
+TASK, METHOD, TABLE = "Reach-v0", "press", "search.csv"
+COLUMNS = ("source", "errors", "progress", "dropped", *RANGES)
+"""Of a row. Every episode draws its own errors; the condition numbers the trial."""
 _TRIAL = "trial-"
-CLEAN_SHARE = 0.2
 BATCH = 16
 """Episodes of one trial."""
 _LEAST = 320
@@ -60,11 +63,21 @@ _LEAST = 320
 class Trial(NamedTuple):
     """Settings, and the episodes on which they are tried."""
 
-    settings: ProjectionSettings
+    settings: dict[str, float]
+    """By the keys of `RANGES`."""
+    source: Source
+    """What the drafts say."""
     seeds: tuple[int, ...]
     """Of the chains."""
     errors: tuple[CommandErrors, ...]
-    """What goes wrong with the commands, one for each chain."""
+    """What goes wrong with the drafts, one for each chain."""
+
+    def make(self) -> PressInterface:
+        """Build the interface."""
+        options: dict[str, Any] = {name: value for name, value in self.settings.items() if name != "gain"}
+        interface = make_press(**options | {name: bool(options[name]) for name in SWITCHES})
+        interface.gain = self.settings["gain"]
+        return interface
 
 
 @dataclass(frozen=True)
@@ -75,19 +88,16 @@ class Search:
         output: Folder of the table, which a later call continues.
         chains: Folder of goal chains, built where missing.
         n_chains: Starts that the trials draw from.
-        controller: Folder or hub id of a controller; the shipped one if empty. Its networks choose nothing
-            here.
     """
 
     output: Path
     chains: Path
     n_chains: int = 250
-    controller: str = ""
 
     @property
     def book(self) -> ChainBook:
         """The chains."""
-        return ChainBook(self.chains / f"unverified_{TRAINING_SEED}.jsonl", TRAINING_SEED, verified=False)
+        return ChainBook(self.chains / f"unverified_{TRAINING_SEED}.jsonl", TRAINING_SEED)
 
     def jobs(self, trials: int, version: str) -> list[Job]:
         """Return the first trials as jobs, each a condition of its own; the chains must have been built."""
@@ -102,19 +112,17 @@ class Search:
         chains = _chains(self)
         number = int(job.condition.removeprefix(_TRIAL))
         trial = draw_trial(number, list(chains))
-        only = SelectionSettings(
-            n_pure=0, n_seeded=0, include_draft=False, projection=trial.settings, use_residual=False
-        )
-        interface = DexFlexInterface(shared_controller(find_controller(self.controller)), only)
         chosen = [chains[seed] for seed in trial.seeds]
-        episodes = run_chains(chosen, trial.errors, interface, seed=number, batch=BATCH)
-        settings = asdict(trial.settings)
+        episodes = run_chains(
+            chosen, trial.errors, trial.make(), source=trial.source, seed=number, batch=BATCH
+        )
         return [
             {
+                "source": trial.source,
                 "errors": errors.name,
                 "progress": round(float(episode.progress), 4),
                 "dropped": bool(episode.dropped),
-                **{name: float(f"{settings[name]:.4g}") for name in RANGES},
+                **{name: float(f"{value:.4g}") for name, value in trial.settings.items()},
             }
             for errors, episode in zip(trial.errors, episodes, strict=True)
         ]
@@ -128,10 +136,21 @@ def draw_trial(number: int, seeds: Sequence[int]) -> Trial:
         seeds: Of the chains, to draw from.
     """
     rng = np.random.default_rng((number, 17))
-    settings = ProjectionSettings(**{key: float(rng.uniform(*ends)) for key, ends in RANGES.items()})
+    settings = {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
+    settings |= {name: float(settings[name] > 0.5) for name in SWITCHES}
     chosen = rng.choice(len(seeds), min(BATCH, len(seeds)), replace=False)
-    errors = tuple(sample_errors(rng, CLEAN_SHARE) for _ in chosen)
-    return Trial(settings, tuple(seeds[k] for k in chosen), errors)
+    errors = tuple(draw_errors(rng) for _ in chosen)
+    return Trial(settings, SOURCES[number % len(SOURCES)], tuple(seeds[k] for k in chosen), errors)
+
+
+def draw_errors(rng: np.random.Generator) -> CommandErrors:
+    """Draw a family of `ERRORS` and a strength; a share stays clean."""
+    if rng.random() < CLEAN_SHARE:
+        return NO_ERRORS
+    family = str(rng.choice(list(ERRORS)))
+    low, high = ERRORS[family]
+    strength = rng.integers(int(low), int(high) + 1) if family == "delay" else rng.uniform(low, high)
+    return CommandErrors.of(**{family: float(strength)})
 
 
 def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -> pd.DataFrame:
@@ -144,13 +163,10 @@ def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -
         quiet: Show no progress bar.
 
     Raises:
-        DexFlexError: If there is no controller, or another process works in a folder.
+        DexFlexError: If another process works in a folder.
     """
     version = method_version(
-        (__name__, DexFlexInterface.__module__, TASKS[TASK].module),
-        Method.parse("dexflex").weights(search.controller),
-        batch=BATCH,
-        n_chains=search.n_chains,
+        (__name__, PressInterface.__module__, TASKS[TASK].module), batch=BATCH, n_chains=search.n_chains
     )
     search.book.ensure(search.n_chains, workers, quiet)
     jobs = search.jobs(trials, version.name)
@@ -168,31 +184,33 @@ class Effect:
     error: float
     """Its standard error."""
     best: float
-    """Where the quadratic is highest within the range, in the setting's unit."""
+    """Where the model is highest within the range, in the setting's unit."""
 
 
 def fit(rows: pd.DataFrame) -> list[Effect]:
-    """Fit progress = family + sum of quadratics, by least squares.
+    """Fit progress = source and family + sum of quadratics, by least squares.
 
     Args:
-        rows: From `run_search`.
+        rows: From `run_search`, or those of one source.
 
     Raises:
         DexFlexError: If there are too few episodes to tell settings apart.
     """
     if len(rows) < _LEAST:
         raise DexFlexError(f"{len(rows)} episodes cannot tell the settings apart; run {_LEAST} or more.")
-    dummies = pd.get_dummies(rows["errors"].str.partition("_")[0]).to_numpy(float)
+    groups = pd.get_dummies(rows["source"] + rows["errors"].str.partition("_")[0]).to_numpy(float)
     unit = _unit(rows)
-    model = sm.OLS(rows["progress"].to_numpy(float), np.hstack([dummies, unit, unit**2])).fit()
-    first, count = dummies.shape[1], len(RANGES)
+    bends = [k for k, name in enumerate(RANGES) if name not in SWITCHES]  # A switch has no middle.
+    model = sm.OLS(rows["progress"].to_numpy(float), np.hstack([groups, unit, unit[:, bends] ** 2])).fit()
+    slopes = model.params[groups.shape[1] :][: len(RANGES)]
+    curved = dict(zip(bends, model.params[groups.shape[1] + len(RANGES) :], strict=True))
+    errors = model.bse[groups.shape[1] :]
     grid = np.linspace(-1, 1, 201)
     effects = []
     for k, (name, (low, high)) in enumerate(RANGES.items()):
-        slope, bend = model.params[first + k], model.params[first + count + k]
-        top = grid[np.argmax(slope * grid + bend * grid**2)]
+        top = grid[np.argmax(slopes[k] * grid + curved.get(k, 0.0) * grid**2)]
         best = low + (top + 1) / 2 * (high - low)
-        effects.append(Effect(name, float(slope), float(model.bse[first + k]), float(best)))
+        effects.append(Effect(name, float(slopes[k]), float(errors[k]), float(best)))
     return effects
 
 

@@ -7,16 +7,28 @@ from typing import NamedTuple
 import pandas as pd
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.reach.bounds import CLEAN, ORACLE
+from lerobot_dexflex.evaluation.conditions import Condition
+from lerobot_dexflex.evaluation.reach.bounds import BOUNDS
 from lerobot_dexflex.evaluation.reach.metrics import Metrics
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.statistics import Mean, holm, mean_interval, rank_test
 
 FAMILIES = "families"
-"""The average over the families of errors, each of which counts the same; stands as a condition."""
+"""The average over the families of errors, each of which counts the same; stands as a condition. There is one
+for each source and kind of goals: `families`, `families+pressing`, `families+verified`, ..."""
 PAPER_FAMILIES = ("noise", "scale", "delay", "removal")
 """The families that the paper's averages are taken over."""
-_AVERAGED = ("duration", "progress", "intent", "retention", "intervention")
+_AVERAGED = (
+    "duration",
+    "progress",
+    "progress_budget",
+    "goal_steps",
+    "intent",
+    "intent_loaded",
+    "intent_free",
+    "intervention",
+    "retention",
+)
 
 
 class ProgressTest(NamedTuple):
@@ -38,11 +50,12 @@ class Summary:
     """What the tables and figures show."""
 
     rows: pd.DataFrame
-    """One per episode; the averages over families are among them, under the condition `FAMILIES`."""
+    """One per episode; the averages over families are among them, under conditions that begin with
+    `FAMILIES`."""
     methods: tuple[str, ...]
     """In the order of the tables."""
     conditions: tuple[str, ...]
-    """In the order of the tables, `FAMILIES` first if there is an average."""
+    """In the order of the tables, averages first."""
     reference: str
     """Method that all others are tested against."""
     means: Mapping[tuple[str, str], Mapping[str, Mean | None]]
@@ -50,9 +63,14 @@ class Summary:
     tests: tuple[ProgressTest, ...]
 
     @property
-    def averaged(self) -> tuple[str, ...]:
-        """Conditions that the average over families is taken over."""
-        return tuple(name for name in self.conditions if family(name))
+    def run(self) -> tuple[str, ...]:
+        """Conditions that were run: all that are no average."""
+        return tuple(name for name in self.conditions if not is_average(name))
+
+    @property
+    def averages(self) -> tuple[str, ...]:
+        """Conditions that are averages over families."""
+        return tuple(name for name in self.conditions if is_average(name))
 
     def of(self, method: str, condition: str) -> pd.DataFrame:
         """Return the rows of a method under a condition, by their seeds."""
@@ -85,9 +103,10 @@ def summarise(
     wanted = rows["method"].isin(methods) & rows["condition"].isin(conditions)
     rows = rows.loc[wanted].sort_values(by="seed")
     _check_complete(rows, methods, conditions)
-    if averaged := [name for name in conditions if family(name)]:
-        rows = pd.concat([rows, _average(rows, averaged)], ignore_index=True)
-        conditions = (FAMILIES, *conditions)
+    averages = tuple(dict.fromkeys(name for each in conditions if (name := average_of(each))))
+    parts = [_average(rows, [each for each in conditions if average_of(each) == name]) for name in averages]
+    rows = pd.concat([rows, *parts], ignore_index=True)
+    conditions = (*averages, *conditions)
     means = {
         (method, condition): _means(rows_of(rows, method, condition))
         for method in methods
@@ -104,12 +123,22 @@ def rows_of(rows: pd.DataFrame, method: str, condition: str) -> pd.DataFrame:
 def family(condition: str) -> str | None:
     """Return the family over which a condition is averaged; None for what is no single error or a control.
 
-    Commands scaled below 1 are a control: the operator corrects the lag, and nothing is at stake.
+    Motions scaled below 1 are a control: the operator corrects the lag, and nothing is at stake.
     """
-    name, _, strength = condition.partition("_")
-    if "+" in condition or name not in PAPER_FAMILIES or (name == "scale" and float(strength) <= 1):
+    errors = tuple(Condition.parse(condition).errors)
+    if len(errors) != 1 or errors[0].family not in PAPER_FAMILIES:
         return None
-    return name
+    return None if errors[0].family == "scale" and errors[0].strength <= 1 else errors[0].family
+
+
+def average_of(condition: str) -> str | None:
+    """Return the name of the average that a condition is part of; None without a family."""
+    return "+".join((FAMILIES, *Condition.parse(condition).setting)) if family(condition) else None
+
+
+def is_average(condition: str) -> bool:
+    """Say whether a condition is an average over families."""
+    return condition.partition("+")[0] == FAMILIES
 
 
 def default_reference(methods: Sequence[str]) -> str:
@@ -146,7 +175,8 @@ def _average(rows: pd.DataFrame, averaged: Sequence[str]) -> pd.DataFrame:
             index=["method", "seed"], columns="condition", values=name
         )
         found[name] = wide.dropna().T.groupby(family).mean().mean()
-    return pd.DataFrame(found).rename_axis(["method", "seed"]).reset_index().assign(condition=FAMILIES)
+    average = pd.DataFrame(found).rename_axis(["method", "seed"]).reset_index()
+    return average.assign(condition=average_of(averaged[0]))
 
 
 def _means(rows: pd.DataFrame) -> dict[str, Mean | None]:
@@ -157,7 +187,7 @@ def _tests(
     rows: pd.DataFrame, methods: Sequence[str], conditions: Sequence[str], reference: str
 ) -> tuple[ProgressTest, ...]:
     """Test the reference's progress against every method but upper bounds, Holm within condition and kind."""
-    others = [m for m in methods if m != reference and Method.parse(m).base not in (CLEAN, ORACLE)]
+    others = [m for m in methods if m != reference and Method.parse(m).base not in BOUNDS]
     variants = [m for m in others if Method.parse(m).base == "dexflex"]
     kinds = {"baseline": [m for m in others if m not in variants], "variant": variants}
     tests: list[ProgressTest] = []

@@ -1,6 +1,6 @@
 """Chains of goals, the episodes of the in-hand benchmark.
 
-`unverified` chains are the main ones: eight goals around the start pose, feasible by geometry, that nobody has
+`unverified` chains are the main ones: eight goals around the start pose, feasible by geometry, that nobody
 tried; what fails may be the goal's fault. For a `verified` chain the operator tries each goal from where it
 came, once clean and once with a little noise, and then the whole: what fails later is the doing of the
 command's errors or of the method under test, but easy objects are favoured.
@@ -60,6 +60,9 @@ class Chain:
     seed: int
     episode: ReachEpisode
     goals: tuple[Goal, ...]
+    steps: int = MAX_STEPS
+    """Control steps that the operator took for the whole with its own joint targets; the limit if it dropped
+    the object or nobody has run it."""
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values."""
@@ -71,7 +74,7 @@ class Chain:
         goals = tuple(
             Goal(tuple(g["position"]), tuple(g["quaternion"]), g["gait"], g["steps"]) for g in values["goals"]
         )
-        return cls(values["seed"], ReachEpisode.from_dict(values["episode"]), goals)
+        return cls(values["seed"], ReachEpisode.from_dict(values["episode"]), goals, values["steps"])
 
 
 class HeldObject:
@@ -128,7 +131,7 @@ def build_chain(env: ReachEnv, seed: int, verify: bool = True) -> Chain | None:
 
 
 def _unverified_chain(held: HeldObject, rng: np.random.Generator) -> Chain | None:
-    """Return goals around the start pose, each apart from the one before; None if the grasp reaches too few."""
+    """Return goals around the start pose, each apart from the last; None if the grasp reaches too few."""
     draws, now = GoalDraws(held.operator, held.home), held.senses.read()
     start = previous = now.position, now.quaternion
     goals: list[Goal] = []

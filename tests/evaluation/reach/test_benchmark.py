@@ -8,8 +8,10 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach import benchmark as module
 from lerobot_dexflex.evaluation.reach import episodes
 from lerobot_dexflex.evaluation.reach.benchmark import Benchmark
+from lerobot_dexflex.evaluation.reach.bounds import ORACLE
 from lerobot_dexflex.evaluation.reach.report import PAGE, TABLES, write_report
 from lerobot_dexflex.evaluation.reach.summary import summarise
+from lerobot_dexflex.interfaces import INTERFACES
 from lerobot_dexflex.runs.provenance import imported
 from lerobot_dexflex.runs.table import KEY, Table
 
@@ -27,15 +29,16 @@ def loop(monkeypatch):
     """Replace the simulation; returns the runs that were asked for: interface, error, seeds."""
     runs = []
 
-    def run_chains(chains, errors, interface, *, batch):
+    def run_chains(chains, errors, interface, *, source, batch):
         name = interface.name.partition(":")[0]
         runs.append((name, errors.name, [c.seed for c in chains]))
+        assert source == "motion"
         removal = errors.name.startswith("removal")
         return [
             episode(
                 40,
                 label=0.004,
-                executed=0.002 if name == "shrink" else 0.004,
+                selected=0.002 if name == "press" else 0.004,
                 dropped=removal and name == "raw" and c.seed % 4 == 0,
                 progress=0.25 if removal and name == "raw" else 0.75,
                 event=range(10, 18) if removal else (),
@@ -50,7 +53,7 @@ def loop(monkeypatch):
 
 def benchmark(tmp_path, **changes):
     options = {
-        "methods": ("raw", "shrink:0.5"),
+        "methods": ("raw", "press:2.5"),
         "conditions": ("clean", "removal_2mm"),
         "episodes": 5,
         "group": 2,
@@ -79,10 +82,10 @@ def test_a_kill_costs_the_running_group_and_nothing_else(tmp_path, loop):
     file.write_text("".join(lines[:-2]) + lines[-2][:50])
     loop.clear()
     again = run(benchmark(tmp_path))
-    # One row was torn and the last one lost: the last group of `shrink`, and of `raw`, the one before it.
+    # One row was torn and the last one lost: the last group of `press`, and of `raw`, the one before it.
     assert [(name, error, len(seeds)) for name, error, seeds in loop] == [
         ("raw", "removal_2mm", 1),
-        ("shrink", "removal_2mm", 1),
+        ("press", "removal_2mm", 1),
     ]
     assert again.equals(first)
 
@@ -90,12 +93,12 @@ def test_a_kill_costs_the_running_group_and_nothing_else(tmp_path, loop):
 def test_more_methods_conditions_and_episodes_extend_what_is_there(tmp_path, loop):
     run(benchmark(tmp_path, episodes=4))
     loop.clear()
-    run(benchmark(tmp_path, episodes=6, methods=("raw", "hold"), conditions=("clean",)))
+    run(benchmark(tmp_path, episodes=6, methods=("raw", "forces"), conditions=("clean",)))
     assert [(name, len(seeds)) for name, _, seeds in loop] == [
-        ("hold", 2),
-        ("hold", 2),
+        ("forces", 2),
+        ("forces", 2),
         ("raw", 2),
-        ("hold", 2),
+        ("forces", 2),
     ]
 
 
@@ -120,8 +123,8 @@ def test_only_rows_of_another_version_of_their_method_are_run_again(tmp_path, lo
 
 def test_a_version_follows_what_runs_the_method_and_nothing_else(tmp_path):
     ours = benchmark(tmp_path)
-    names = {name: ours.version(name).code for name in ("raw", "shrink:0.5", "shrink:0.7", "hold")}
-    assert names["shrink:0.5"] == names["shrink:0.7"]
+    names = {name: ours.version(name).code for name in ("raw", "press:2.5", "press:4.5", "forces")}
+    assert names["press:2.5"] == names["press:4.5"]
     assert len(set(names.values())) == 3
     assert ours.version("raw") != benchmark(tmp_path, batch=8).version("raw")
     everywhere = set(imported(module._RUN_BY))
@@ -135,22 +138,24 @@ def test_other_chains_under_the_same_seeds_are_refused_before_anything_runs(tmp_
     book = benchmark(tmp_path).book("clean").path
     book.write_text(book.read_text().replace('"friction": 1.0', '"friction": 0.9'))
     with pytest.raises(DexFlexError, match=r"seed 100000 .* another chain .* choose another --output"):
-        run(benchmark(tmp_path, methods=("raw", "hold")))
+        run(benchmark(tmp_path, methods=("raw", "forces")))
     assert loop == []
 
 
-def test_tuning_and_test_use_other_seeds_and_unverified_goals_another_book(tmp_path, loop):
+def test_tuning_and_test_use_other_seeds_and_verified_goals_another_book(tmp_path, loop):
     run(benchmark(tmp_path))
     tuning = benchmark(tmp_path, tuning=True)
     assert tuning.book("clean").load(1)[0].seed == 50_000
     assert run(tuning)["seed"].min() == 50_000
     assert set(Table(tuning.table).load()["seed"] // 50_000) == {1, 2}
-    books = [tuning.book(name) for name in ("clean", "removal_2mm", "removal_2mm+unverified")]
-    assert books[0] == books[1] != books[2]
-    assert not books[2].verified
+    names = ("clean", "removal_2mm", "noise_2mm+pressing", "removal_2mm+verified")
+    books = [tuning.book(name) for name in names]
+    assert books[0] == books[1] == books[2] != books[3]
+    assert [book.verified for book in books] == [False, False, False, True]
 
 
-def test_oracles_run_fewer_episodes(tmp_path):
+def test_oracles_run_fewer_episodes(tmp_path, monkeypatch):
+    monkeypatch.setitem(INTERFACES, ORACLE, INTERFACES["forces"])
     few = benchmark(tmp_path, methods=("raw", "oracle"), oracle_episodes=3)
     versions = {name: few.version("raw") for name in few.methods}
     groups = [job.seeds for job in few.jobs(versions) if (job.method, job.condition) == ("oracle", "clean")]
@@ -165,7 +170,7 @@ def test_oracles_run_fewer_episodes(tmp_path):
         ({"episodes": 0}, "`episodes` must be at least 1"),
         ({"batch": 0}, "`batch` must be at least 1"),
         ({"conditions": ("noise_2.0mm",)}, "Write 'noise_2.0mm' as 'noise_2mm'"),
-        ({"conditions": ("removal_2mm+heavy",)}, "no heavy hand"),
+        ({"conditions": ("removal_2mm+heavy",)}, "no heavy hand.*errors of commands, pressing, verified"),
     ],
 )
 def test_senseless_benchmarks_are_refused(tmp_path, changes, message):
@@ -174,10 +179,12 @@ def test_senseless_benchmarks_are_refused(tmp_path, changes, message):
 
 
 def test_the_report_is_one_file_and_says_where_its_rows_come_from(tmp_path, loop):
-    ours = benchmark(tmp_path, methods=("raw", "shrink:0.5", "shrink:0.7", "reflex", "clean"))
+    ours = benchmark(
+        tmp_path, methods=("raw", "press:4", "press:blocked=True", "press@0.5", "press", "operator")
+    )
     rows = run(ours)
     assert set(KEY) < set(rows)
-    page = write_report(ours, summarise(rows, reference="reflex"), films=False).read_text()
+    page = write_report(ours, summarise(rows, reference="press"), films=False).read_text()
     assert (tmp_path / "out" / PAGE).exists()
     assert page.count("data:image/png;base64") >= 3
     assert "http" not in page.replace("http-equiv", "")

@@ -2,11 +2,12 @@ import os
 import random
 
 import pytest
-from degraded_fakes import build_even, chain
+from degraded_fakes import build_even, chain, episode
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach import chain_book
-from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
+from lerobot_dexflex.evaluation.reach.chain_book import ChainBook, operator_steps
+from lerobot_dexflex.experts.reach.chains import MAX_STEPS
 from lerobot_dexflex.runs.lock import locked
 
 
@@ -79,3 +80,19 @@ def test_a_line_that_is_no_chain_is_named(tmp_path, line):
     path.write_text(line + "\n")
     with pytest.raises(DexFlexError, match=r"chains\.jsonl holds a line that is no chain"):
         ChainBook(path, 0).load(1)
+
+
+def test_a_chain_is_kept_with_the_steps_that_the_operator_takes(tmp_path, monkeypatch):
+    monkeypatch.setattr("lerobot_dexflex.commands.loop.GOAL_STEPS", 2)  # Eight goals in sixteen steps.
+    book = ChainBook(tmp_path / "chains.jsonl", 50_003)
+    book.ensure(1, workers=0, quiet=True)
+    (found,) = book.load(1)
+    assert found.steps == 16 == operator_steps(found)
+
+
+def test_an_operator_that_drops_the_object_has_all_the_time_there_is(monkeypatch):
+    fallen = episode(20, dropped=True)
+    monkeypatch.setattr(chain_book, "run_chains", lambda *_: [fallen])
+    assert operator_steps(fallen.chain) == MAX_STEPS
+    fallen.dropped = False
+    assert operator_steps(fallen.chain) == 20

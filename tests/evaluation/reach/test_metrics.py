@@ -1,31 +1,62 @@
 import numpy as np
 import pytest
-from degraded_fakes import episode
+from degraded_fakes import chain, episode
 
+from lerobot_dexflex.commands.loop import MAX_STEPS
 from lerobot_dexflex.evaluation.reach.metrics import EVENT_LAGS, around_events, contact_retention, measure
 
 
-def test_errors_are_relative_to_the_command_plus_two_millimetres():
-    found = measure(episode(label=0.004, draft=0.008, executed=0.001))
+def test_errors_are_relative_to_the_motion_plus_two_millimetres():
+    found = measure(episode(label=0.004, draft=0.008, selected=0.001))
     assert found.intent == pytest.approx(0.003 / 0.006)
     assert found.intervention == pytest.approx(0.007 / 0.010)
     assert (found.duration, found.progress) == (1.0, 0.5)
 
 
 def test_a_drop_completes_the_intent_error_with_ones():
-    # 40 of 160 steps at error 0.2, then dropped: 0.25 * 0.2 + 0.75 * 1.
-    found = measure(episode(40, label=0.008, executed=0.010, dropped=True))
+    # A quarter of the time limit at error 0.2, then dropped: 0.25 * 0.2 + 0.75 * 1.
+    found = measure(episode(MAX_STEPS // 4, label=0.008, selected=0.010, dropped=True))
     assert found.duration == 0.25
-    assert found.intent == pytest.approx(0.8)
+    assert found.intent == found.intent_loaded == pytest.approx(0.8)
 
 
 def test_finishing_early_is_no_shorter_duration():
-    assert measure(episode(40, label=0.008, executed=0.010)).intent == pytest.approx(0.2)
+    assert measure(episode(40, label=0.008, selected=0.010)).intent == pytest.approx(0.2)
 
 
-def test_errors_are_split_at_the_edges_of_removals():
-    found = episode(4, label=0.004, executed=0.004, event=(1, 2))
-    found.executed[1:3, 0, 0] = 0.001
+def test_loaded_and_free_fingers_have_intent_errors_of_their_own():
+    found = episode(4, label=0.004, selected=0.001)  # Of the first finger.
+    found.selected[:, 2, 1] = 0.001
+    assert measure(found).intent_free is None
+    found.loads[1:, 0] = 0.0
+    numbers = measure(found)
+    assert numbers.intent_free == pytest.approx(0.003 / 0.006)
+    # Once both, then the third finger alone, which should stand still.
+    first = np.hypot(0.003, 0.001) / 0.006
+    assert numbers.intent_loaded == pytest.approx((first + 3 * 0.001 / 0.002) / 4)
+
+
+def test_the_tight_budget_is_a_quarter_more_than_the_operators_own_steps():
+    found = episode(100, progress=1.0)  # A hundredth per step.
+    found.chain = chain(steps=50)
+    assert measure(found).progress_budget == pytest.approx(0.63)  # 62.5 steps, begun ones count.
+    found.chain = chain(steps=90)
+    assert measure(found).progress_budget == 1.0  # It was over before.
+    found = episode(MAX_STEPS, progress=1.0)
+    found.chain = chain(steps=MAX_STEPS)
+    assert measure(found).progress_budget == 1.0
+
+
+def test_steps_of_a_goal_are_those_of_reached_ones():
+    found = episode()
+    assert measure(found).goal_steps == 10
+    found.goal_steps = []
+    assert measure(found).goal_steps is None
+
+
+def test_errors_are_split_at_the_edges_of_events():
+    found = episode(4, label=0.004, selected=0.004, event=(1, 2))
+    found.selected[1:3, 0, 0] = 0.001
     numbers = measure(found)
     assert numbers.intent_event == pytest.approx(0.5)
     assert numbers.intent_calm == 0

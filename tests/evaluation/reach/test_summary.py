@@ -5,9 +5,19 @@ from degraded_fakes import row
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach import tables
-from lerobot_dexflex.evaluation.reach.plots import _curves, around_removals, main_methods
+from lerobot_dexflex.evaluation.reach.plots import (
+    _curves,
+    _gain_curves,
+    around_removals,
+    bars,
+    gains,
+    main_methods,
+    settings,
+)
 from lerobot_dexflex.evaluation.reach.summary import FAMILIES, default_reference, family, summarise
 from lerobot_dexflex.runs.statistics import rank_test
+
+pytestmark = pytest.mark.usefixtures("learned")
 
 
 def rows(table):
@@ -26,8 +36,21 @@ def mean(summary, method, condition, metric="progress"):
 
 
 def test_conditions_know_their_family_and_controls_have_none():
-    names = ["noise_2mm", "scale_1.5", "scale_0.5", "clean", "removal_3mm+unverified", "bias_1mm"]
-    assert [family(n) for n in names] == ["noise", "scale", None, None, None, None]
+    names = ["noise_2mm", "scale_1.5", "scale_0.5", "clean", "removal_3mm+pressing", "bias_1mm", "pressing"]
+    assert [family(n) for n in names] == ["noise", "scale", None, None, "removal", None, None]
+    assert family("noise_2mm+delay_2") is None
+
+
+def test_every_source_and_kind_of_goals_has_an_average_of_its_own():
+    conditions = {"clean": 1.0, "noise_1mm": 0.8, "delay_2": 0.4, "noise_1mm+pressing": 0.6, "verified": 0.9}
+    found = summarise(rows({("raw", name): [value] * 2 for name, value in conditions.items()}))
+    assert found.averages == ("families", "families+pressing")
+    assert found.run == tuple(conditions)
+    assert mean(found, "raw", "families") == pytest.approx(0.6)
+    assert mean(found, "raw", "families+pressing") == pytest.approx(0.6)
+    assert settings(found) == [(), ("pressing",), ("verified",)]
+    for setting in settings(found):
+        assert bars(found, setting).startswith(b"\x89PNG")
 
 
 def test_every_family_counts_the_same_however_many_conditions_it_has():
@@ -36,7 +59,6 @@ def test_every_family_counts_the_same_however_many_conditions_it_has():
     found = summarise(rows({("raw", c): [v, v] for c, v in values.items()}))
     # Noise (0.8 + 0.4) / 2, removal 0.2; the control and clean are no degradation.
     assert mean(found, "raw", FAMILIES) == pytest.approx((0.6 + 0.2) / 2)
-    assert found.averaged == ("noise_1mm", "noise_2mm", "removal_2mm")
     assert found.conditions == (FAMILIES, *conditions)
     dropped = dict(zip(tables.drop_header(found), *tables.drop_rows(found), strict=True))
     assert dropped["noise_2mm"].startswith("2/2 ")
@@ -49,6 +71,14 @@ def test_the_average_leaves_out_episodes_in_which_a_metric_is_undefined():
     found = summarise(table)
     assert mean(found, "raw", FAMILIES) == pytest.approx(0.5)
     assert mean(found, "raw", FAMILIES, "retention") == pytest.approx(0.4)
+
+
+def test_a_metric_that_no_episode_has_has_no_average():
+    table = rows({("raw", "noise_1mm"): [0.2, 0.4], ("press", "noise_1mm"): [0.2, 0.4]})
+    table.loc[table["method"] == "raw", "goal_steps"] = None
+    found = summarise(table)
+    assert found.means["raw", FAMILIES]["goal_steps"] is None
+    assert mean(found, "press", FAMILIES, "goal_steps") == pytest.approx(0.3)
 
 
 def test_the_reference_is_tested_on_the_episodes_that_both_ran():
@@ -71,16 +101,16 @@ def test_the_reference_is_tested_on_the_episodes_that_both_ran():
 
 def test_holm_counts_the_baselines_of_a_condition():
     ours = np.linspace(0.3, 0.7, 8)
-    table = {(m, "clean"): ours - 0.1 * k for k, m in enumerate(("dexflex", "raw", "hold", "filter"))}
+    table = {(m, "clean"): ours - 0.1 * k for k, m in enumerate(("dexflex", "raw", "press", "press:4"))}
     assert [t.p_value_holm for t in summarise(rows(table)).tests] == pytest.approx([3 * 2 / 2**8] * 3)
 
 
 def test_missing_and_doubled_episodes_are_refused_and_not_averaged_over():
     whole = rows({("raw", "clean"): [1.0, 1.0]})
-    with pytest.raises(DexFlexError, match=r"'hold' has 0 episodes .* none at all"):
-        summarise(whole, ["raw", "hold"], ["clean"])
-    gap = pd.concat([whole, rows({("hold", "clean"): [1.0, 1.0]}).iloc[1:]])
-    with pytest.raises(DexFlexError, match=r"'hold' has 1 episodes .* gaps"):
+    with pytest.raises(DexFlexError, match=r"'press' has 0 episodes .* none at all"):
+        summarise(whole, ["raw", "press"], ["clean"])
+    gap = pd.concat([whole, rows({("press", "clean"): [1.0, 1.0]}).iloc[1:]])
+    with pytest.raises(DexFlexError, match=r"'press' has 1 episodes .* gaps"):
         summarise(gap)
     with pytest.raises(DexFlexError, match="none of the methods: raw"):
         summarise(whole, reference="dexflex")
@@ -91,12 +121,23 @@ def test_missing_and_doubled_episodes_are_refused_and_not_averaged_over():
 def test_the_default_reference_is_ours_without_an_ablation():
     assert default_reference(["raw", "dexflex-notouch", "dexflex@0.7", "dexflex"]) == "dexflex"
     assert default_reference(["raw", "dexflex-notouch", "dexflex@0.7"]) == "dexflex@0.7"
-    assert default_reference(["hold", "raw"]) == "hold"
+    assert default_reference(["press", "raw"]) == "press"
 
 
 def test_a_figure_shows_one_method_of_each_kind_and_scaled_ones_only_for_want_of_others():
-    methods = ["dexflex@0.7", "dexflex", "dexflex-notouch", "dexgen@0.4", "raw", "shrink:0.5", "shrink:0.7"]
-    assert main_methods(methods) == ["dexflex", "dexgen@0.4", "raw", "shrink:0.5"]
+    shown = ["dexflex", "dexgen@0.4", "raw", "press:2", "press:2+blocked=True"]
+    methods = ["dexflex@0.7", "dexflex-notouch", *shown, "press:4", "dexflex:force=3"]
+    assert main_methods(methods) == shown
+
+
+def test_progress_over_the_gain_is_drawn_for_methods_that_ran_with_several():
+    progress = {"raw": 0.1, "press:2": 0.5, "press:2@0.5": 0.4, "press:4@0.5": 0.3}
+    several = rows({(name, "noise_1mm"): [value] * 2 for name, value in progress.items()})
+    assert _gain_curves(list(progress))["press:2"] == {1.0: "press:2", 0.5: "press:2@0.5"}
+    drawn = gains(summarise(several))
+    assert drawn is not None
+    assert drawn.startswith(b"\x89PNG")
+    assert gains(summarise(several[several["method"] != "press:2"])) is None
 
 
 def test_tables_show_removals_and_candidates_only_where_there_are_some():
@@ -104,12 +145,12 @@ def test_tables_show_removals_and_candidates_only_where_there_are_some():
         pd.DataFrame(
             [
                 row("raw", "removal_2mm", 0, intent_event=0.5, intent_calm=0.1, intervention_event=0.0),
-                row("dexflex", "removal_2mm", 0, draft=0.25, pure=0.0, seeded=0.0, contact=0.75),
+                row("dexflex", "removal_2mm", 0, draft=0.25, pure=0.0, seeded=0.75),
             ]
         )
     )
     assert [line[:3] for line in tables.split_rows(found)] == [["raw", "removal_2mm", "0.50 / 0.10"]]
-    assert tables.branch_rows(found) == [["dexflex", "removal_2mm", "25 %", "0 %", "0 %", "75 %"]]
+    assert tables.branch_rows(found) == [["dexflex", "removal_2mm", "25 %", "0 %", "75 %"]]
 
 
 def test_equal_numbers_are_no_difference_and_unequal_lengths_no_pairs():

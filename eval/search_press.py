@@ -1,6 +1,6 @@
-"""Search the contact projection's settings at random, on training objects, and say what each is worth.
+"""Search the settings of `press` at random, on training objects, and say what each is worth.
 
-python eval/search_projection.py --trials=200
+python eval/search_press.py --trials=400
 
 Interrupt with Ctrl-C and run the same command again to continue; more trials extend it.
 """
@@ -18,14 +18,12 @@ OUTPUT = Path("outputs/degraded")
 
 @dataclass
 class Config:
-    """Search the contact projection's settings at random."""
+    """Search the settings of the hand-written grip at random, with drafts of motion and pressing ones."""
 
-    trials: int = 200
-    """Settings to draw, 16 episodes each."""
+    trials: int = 400
+    """Settings to draw, 16 episodes each; every second trial has pressing drafts."""
     n_chains: int = 250
     """Starts to draw from."""
-    controller: str = ""
-    """Folder or hub id of a controller; empty: the shipped one."""
     workers: int = 2
     """Worker processes; 0 runs in this one. The rows do not depend on it."""
     output: Path = OUTPUT / "search"
@@ -48,15 +46,16 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _work(config: Config, words: list[str]) -> int:
     del words
-    from lerobot_dexflex.evaluation.reach.search import Search, fit, run_search
+    from lerobot_dexflex.evaluation.reach.search import SOURCES, Search, fit, run_search
 
-    search = Search(config.output, config.chains, config.n_chains, config.controller)
-    rows = run_search(search, config.trials, config.workers)
-    effects = fit(rows)
-    print(f"\n{config.trials} trials, {len(rows)} episodes, mean progress {rows['progress'].mean():.3f}")
-    print("\n| setting | half the range is worth | best |\n| --- | --- | --- |")
-    for effect in effects:
-        print(f"| {effect.name} | {effect.slope:+.3f} ± {effect.error:.3f} | {effect.best:.4g} |")
+    rows = run_search(Search(config.output, config.chains, config.n_chains), config.trials, config.workers)
+    parts = {"both": rows} | {source: rows[rows["source"] == source] for source in SOURCES}
+    for name, part in parts.items():
+        effects = fit(part)
+        print(f"\nDrafts: {name}. {len(part)} episodes, mean progress {part['progress'].mean():.3f}")
+        print("\n| setting | half the range is worth | best |\n| --- | --- | --- |")
+        for effect in effects:
+            print(f"| {effect.name} | {effect.slope:+.3f} ± {effect.error:.3f} | {effect.best:.4g} |")
     return 0
 
 
