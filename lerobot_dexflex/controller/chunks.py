@@ -19,8 +19,8 @@ class Candidates(NamedTuple):
     """Chunks to choose from."""
 
     chunks: Tensor
-    """Where the fingertips should be, minus where they are measured [m]. Shape (batch, candidates, horizon, 4,
-    3)."""
+    """Where the fingertips should be, minus where they are measured [m].
+    Shape (batch, candidates, horizon, 4, 3)."""
     branch: Tensor
     """Index into `BRANCHES`. Shape (candidates,)."""
 
@@ -41,7 +41,7 @@ class ChunkScale(nn.Module):
         self.scale.copy_(rms.clamp(min=1e-5))
 
     def normalize(self, chunks: Tensor) -> Tensor:
-        """Return chunks (..., horizon, 4, 3) [m] as (..., 4, horizon * 3) of about unit size, clipped at 6."""
+        """Return chunks (..., horizon, 4, 3) [m] as (..., 4, horizon * 3) of about unit size, at most 6."""
         unit = (chunks / self.scale[..., None]).clamp(-_CLIP, _CLIP)
         return unit.transpose(-2, -3).flatten(-2)
 

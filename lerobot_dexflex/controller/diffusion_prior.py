@@ -1,9 +1,8 @@
-"""DexGen, the baseline: denoising diffusion over chunks, pulled toward the draft by guidance; then an inverse
-dynamics model from proprioception to joint targets.
+"""DexGen, the baseline: diffusion over chunks, guided toward the draft, and inverse dynamics.
 
-After DexterityGen (Yin et al., RSS 2025). The prior's network, input and data are those of our flow prior; what
-DexGen lacks is candidates, a consequence model, a choice, and forces: the draft enters by guidance alone, and the
-grip is what its inverse dynamics have learnt of the operator's joint targets.
+After DexterityGen (Yin et al., RSS 2025). The prior's network, input and data are those of our flow prior.
+What DexGen lacks is candidates, a consequence model, a choice, and forces: the draft enters by guidance only,
+and the grip is what its inverse dynamics, from proprioception, have learnt of the operator's joint targets.
 """
 
 import math

@@ -42,7 +42,7 @@ class State(NamedTuple):
 
 
 class TouchNet(nn.Module):
-    """Features of one fingertip's taxels: a small image whose channels are the frames; load and its centre."""
+    """Features of one fingertip's taxels: a small image, its channels the frames; the load and its centre."""
 
     rows: Tensor
     columns: Tensor

@@ -16,8 +16,8 @@ from lerobot_dexflex.interfaces.protocol import CommandSpace
 N_JOINTS = len(leap.LINKS)
 LARGEST_STEP = leap.MAX_SPEED * CONTROL_PERIOD
 """Largest change of a joint target in a control step [rad]: what the servo can follow."""
-LARGEST_TORQUE = 0.45
-"""Largest torque with which a grip loads a joint [N m]; three quarters of what LEAP's motors have."""
+LARGEST_TORQUE = 0.55
+"""Largest torque with which a grip loads a joint [N m], a little less than LEAP's motors have."""
 
 
 class Measured(NamedTuple):
@@ -32,8 +32,8 @@ class Measured(NamedTuple):
 class CommandedHand:
     """The previous command, row by row; the last thing below every interface.
 
-    No joint target moves faster than the servo can follow, so a jump of an encoder or of a draft never becomes
-    a jump of the hand. Rows are never written in place: LeRobot acts under `torch.inference_mode`, whose
+    No joint target moves faster than the servo can follow: a jump of an encoder or of a draft never becomes a
+    jump of the hand. Rows are never written in place: LeRobot acts under `torch.inference_mode`, whose
     tensors may not be modified outside of it.
     """
 

@@ -1,4 +1,4 @@
-"""Draft, dream, select, grip: execute what the controller foresees to keep contact and still follow the draft."""
+"""Draft, dream, select, grip: execute what is foreseen to keep contact and still follows the draft."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,23 +13,21 @@ from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import finger_frames, pads
 from lerobot_dexflex.interfaces.explanation import Choice
-from lerobot_dexflex.interfaces.grip import Grip, ServoSettings, centres_of_pressure, loads_of
+from lerobot_dexflex.interfaces.grip import NO_SERVO, Grip, centres_of_pressure, loads_of
 from lerobot_dexflex.interfaces.learned import LearnedInterface, Sensed
 from lerobot_dexflex.interfaces.plan import Plan
 from lerobot_dexflex.interfaces.registry import INTERFACES
 
 SLOW_PERIOD = 8
 """Control steps for which a slow token is kept."""
-NO_SERVO = ServoSettings(gain=0.0, back=0.0)
-"""Learned forces are fed forward alone: a servo on the felt load costs progress (log in `eval/LOG.md`)."""
 
 
 class DexFlexInterface(LearnedInterface):
     """Choose among the draft, the prior's chunks and chunks around the draft; supply the grip of the chosen.
 
-    Receding horizon: `settings.prefix` steps of a chosen chunk are executed, then it chooses again; the grip is
-    decoded anew in every step. Noise is the same in every row and step, so a hand does in a batch what it does
-    alone. Satisfies `Interface`; a draft of None is one that came too late.
+    Receding horizon: `settings.prefix` steps of a chosen chunk are executed, then it chooses again; the grip
+    is decoded anew in every step. Noise is the same in every row and step, so a hand does in a batch what it
+    does alone. Satisfies `Interface`; a draft of None is one that came too late.
 
     Args:
         controller: The controller, its folder or hub id; the shipped one if None.

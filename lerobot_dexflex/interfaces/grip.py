@@ -1,4 +1,4 @@
-"""Grip: contact forces become joint leads, and a small servo makes up for what touch does not feel of them."""
+"""Grip: contact forces become joint leads; a small servo makes up for what touch does not feel of them."""
 
 from dataclasses import dataclass, fields
 from typing import NamedTuple
@@ -37,6 +37,10 @@ class ServoSettings:
             value = getattr(self, each.name)
             if not value >= 0:
                 raise DexFlexError(f"The servo's `{each.name}` must be 0 or more. Got {value}.")
+
+
+NO_SERVO = ServoSettings(gain=0.0, back=0.0)
+"""Forces are fed forward alone: with the operator's true forces the servo costs progress (`eval/LOG.md`)."""
 
 
 class Exertion(NamedTuple):
@@ -130,5 +134,5 @@ def centres_of_pressure(joints: Tensor, tactile: Tensor) -> Tensor:
 
 
 def loads_of(tactile: Tensor) -> Tensor:
-    """Return the normal force of each fingertip [N], (batch, 4), of taxels (batch, 240) or (batch, 4, ...)."""
+    """Return the normal force of each fingertip [N], (batch, 4), of taxels (batch, 240)."""
     return tactile.reshape(len(tactile), 4, -1).sum(-1)

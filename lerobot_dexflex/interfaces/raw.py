@@ -12,8 +12,8 @@ MEANING = "where the four fingertips should be, relative to where they are measu
 class RawInterface(CommandedInterface):
     """Move the fingertips to where the draft's first step wants them. Satisfies `Interface`.
 
-    It adds no grip. A draft that only says where the fingertips should be then lets go of what the hand holds;
-    one that commands into the object presses by as much as its servo lags.
+    It adds no grip. A draft that only says where the fingertips should be lets go of what the hand holds; one
+    that commands into the object presses by as much as its servo lags.
     """
 
     name: str = "raw"

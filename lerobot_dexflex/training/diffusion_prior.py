@@ -71,7 +71,7 @@ class DexGenStage(Stage):
         return batch._replace(history=augment(batch.history, self._config.augmentation))
 
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-        """Return the error of denoised chunks and of the joint commands, where the operator's were executed."""
+        """Return the error of denoised chunks and, where the operator's were executed, of joint commands."""
         prior = self.network
         assert isinstance(prior, DiffusionPrior)
         with torch.no_grad():

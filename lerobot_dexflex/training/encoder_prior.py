@@ -137,7 +137,7 @@ class EncoderPriorStage(Stage):
         return distance_to(self._scale.restore(drawn), chunk)
 
     def _one_finger(self, prior: Prior, state: State, chunk: Tensor) -> tuple[float, float]:
-        """Return the error of one finger drawn anew while the others follow the plan, and of its rest [mm]."""
+        """Return the error of a finger drawn anew, the others following the plan, and of its rest [mm]."""
         x = self._scale.normalize(chunk).unsqueeze(1).expand(-1, 4, -1, -1)
         own = torch.eye(4, dtype=torch.bool)
         noise = torch.randn(x.shape, generator=torch.Generator().manual_seed(0))
@@ -240,8 +240,9 @@ def force_losses(forces: Forces, target: Tensor, scale: float) -> tuple[Tensor, 
 
 
 def force_metrics(forces: Forces, target: Tensor) -> dict[str, float]:
-    """Return errors of forces where a finger should press: in size [N], in direction [deg], unexplained
-    share of the variance; and the AUC of whether it should.
+    """Return errors of forces where a finger should press, and the AUC of whether it should.
+
+    In size [N], in direction [deg], and as the share of the variance that is not explained.
     """
     pressing = target.norm(dim=-1) > CONTACT_FORCE
     found, wanted = forces.vector[pressing], target[pressing]

@@ -9,7 +9,7 @@ from torch import Tensor
 from lerobot_dexflex.commands.loop import Slot
 from lerobot_dexflex.conventions import TACTILE
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, check_draft
-from lerobot_dexflex.interfaces.grip import Grip, loads_of
+from lerobot_dexflex.interfaces.grip import NO_SERVO, Grip, centres_of_pressure, loads_of
 from lerobot_dexflex.interfaces.raw import MEANING
 
 
@@ -47,7 +47,7 @@ class ForcesInterface(CommandedInterface):
     def __init__(self) -> None:
         super().__init__()
         self._slots: Sequence[Slot | None] = ()
-        self._grip = Grip()
+        self._grip = Grip(NO_SERVO)
 
     def see(self, slots: Sequence[Slot | None]) -> None:
         """Look at the running episodes; see `Privileged`."""
@@ -68,5 +68,6 @@ class ForcesInterface(CommandedInterface):
                 forces[k] = torch.from_numpy(np.asarray(slot.guidance.forces))
         loads = loads_of(observation[TACTILE]).double()
         self._grip.feel(loads)
-        torques, push = self._grip.exert(measured.joints, forces, loads)
+        points = centres_of_pressure(measured.joints, observation[TACTILE])
+        torques, push = self._grip.exert(measured.joints, forces, loads, points)
         return self.move(measured, checked[:, 0], push, torques).to(draft.dtype)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts.reach.balance import balance_forces
 from lerobot_dexflex.experts.reach.fingers import FingerStates, Mode
+from lerobot_dexflex.experts.reach.paths import PLACE_STEPS, SWING_SPEED, path_step, shortened
 from lerobot_dexflex.experts.reach.regrasp import regrasp_points
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
 from lerobot_dexflex.hand import kernels, leap
@@ -35,12 +36,6 @@ PRELOAD = 3.0
 """Internal squeeze per finger that is wished for [N], at least `_PRELOAD_GAIN` times the weight."""
 LEAST_FORCE = 0.8
 """Smallest normal force of a finger that holds [N]."""
-LIFT_STEPS, LIFT_HEIGHT = 8, 0.018
-"""A lifted finger leaves the object so far [m] in so many control steps."""
-SWING_SPEED, SWING_STEPS, APPROACH = 0.006, 30, 0.012
-"""Speed of a swing to above the new place [m] per step, its longest duration, and its end above it [m]."""
-PLACE_SPEED, PRESS, PLACE_STEPS = 0.003, 0.004, 14
-"""Speed of the placing [m] per step, how deep it may push [m] and how long it may take."""
 _LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
 _EAGERNESS = 0.15
 """Share of the way to the goal that the reference walks per step where that is slower."""
@@ -329,27 +324,12 @@ class Operator:
         fingers = self.fingers
         for k in np.flatnonzero(fingers.mode > 0):
             fingers.timer[k] += 1
-            fingers.free[k], fingers.mode[k], fingers.timer[k] = self._path(
-                k, fingers.free[k], int(fingers.mode[k]), int(fingers.timer[k])
+            fingers.free[k], fingers.mode[k], fingers.timer[k] = path_step(
+                fingers, k, fingers.free[k], int(fingers.mode[k]), int(fingers.timer[k])
             )
             if fingers.mode[k] == Mode.PLACE and fingers.timer[k] > PLACE_STEPS:
                 fingers.mode[k] = Mode.PARKED
                 fingers.park[k] = now.tips[k] - 0.015 * now.rotation @ fingers.next_inward[k]
-
-    def _path(self, finger: int, free: Array, mode: int, timer: int) -> tuple[Array, int, int]:
-        """Return where a lifted tip is next in the object's frame [m], its mode and timer after that."""
-        fingers = self.fingers
-        goal, inward = fingers.next_anchor[finger], fingers.next_inward[finger]
-        if mode == Mode.LIFT:
-            lift = LIFT_HEIGHT * min(1.0, timer / LIFT_STEPS)
-            local, done = fingers.anchor[finger] - lift * fingers.inward[finger], timer >= LIFT_STEPS
-        elif mode == Mode.SWING:
-            way = goal - APPROACH * inward - free
-            local = free + shortened(way, SWING_SPEED)
-            done = timer >= SWING_STEPS or bool(np.linalg.norm(way) <= SWING_SPEED)
-        else:
-            local, done = goal + min(PRESS, -APPROACH + PLACE_SPEED * timer) * inward, False
-        return local, mode + done, 0 if done else timer
 
     def _solve(self, joints: Array, points: Array, asked: Array, carrying: NDArray[np.bool_]) -> Array:
         """Return joints [rad] (16,) that move contact points, or the tips of free fingers, as asked [m]."""
@@ -394,15 +374,9 @@ class Operator:
                 elif fingers.mode[k] > 0:
                     if step:
                         free, mode, timer = paths[k]
-                        paths[k] = self._path(k, free, mode, timer + 1)
+                        paths[k] = path_step(fingers, k, free, mode, timer + 1)
                     tips[step, k] = position + whole @ paths[k][0]
                 else:
                     tips[step, k] = now.tips[k] + (step + 1) * motion[k]
         tips[0] = now.tips + motion
         return tips
-
-
-def shortened(vector: Array, limit: float) -> Array:
-    """Return the vector, or one of length `limit` in its direction if it is longer."""
-    length = float(np.linalg.norm(vector))
-    return vector if length <= limit else vector * (limit / length)
