@@ -16,8 +16,8 @@ _TEMPLATE = """\
 
 A draft-conditioned controller of [lerobot_dexflex](https://github.com/lerobot-dexflex/lerobot_dexflex):
 upstream says where the fingertips should be, the controller supplies the grip. It encodes what the hand
-feels, proposes chunks of fingertip motion from a few-step flow prior, predicts what each would lead to, scores
-them against the draft, and decodes contact forces for the best.
+feels, proposes chunks of fingertip motion from a few-step flow prior, predicts what each would lead to,
+scores them against the draft, and decodes contact forces for the best.
 
 | | |
 |---|---|

@@ -21,7 +21,7 @@ from lerobot_dexflex.training.metrics import choose, draw, roc_auc
 _HELD = 2
 _LAST_STEPS = 2
 SLIP = 0.005
-"""A fingertip slips if it moves so far in the object's frame within the horizon [m], farther than it rolls."""
+"""A fingertip slips if it moves so far in the object's frame in a horizon [m]: farther than it rolls."""
 
 
 @dataclass
