@@ -58,7 +58,7 @@ def load_networks(where: str | Path | None = None) -> Networks:
 
 def interfaces_at_defaults(networks: Networks) -> dict[str, Interface]:
     """Return the interfaces whose latency is compared, as they run by default."""
-    few, many = SelectionSettings(), SelectionSettings(n_pure=32, n_seeded=30)
+    few, many = SelectionSettings(n_pure=7, n_seeded=4, n_finger=4), SelectionSettings()
     return {
         "raw": RawInterface(),
         "dexgen": DexGenInterface(networks.controller, networks.prior),
@@ -73,7 +73,7 @@ def measure(
     """Time single control steps of one hand; the interfaces take turns, so that all see the same machine.
 
     Args:
-        interfaces: By name; they read drafts of fingertip displacements.
+        interfaces: By name; they read drafts of fingertip motion.
         steps: Steps that are timed, after a few that are not.
         clock: Returns the time [s].
     """
@@ -97,12 +97,13 @@ def grid(
 ) -> dict[tuple[int, int], Latency]:
     """Return the latency of DexFlex by number of candidates and of function evaluations from noise.
 
-    Half of the candidates are pure, the others draft-seeded, but for the draft itself and its projection.
+    Half of the candidates are pure, the others draft-seeded, but for the draft itself.
     """
     made = {}
     for count in candidates:
         for nfe in evaluations:
-            settings = SelectionSettings(n_pure=count // 2, n_seeded=count - count // 2 - 2, nfe=nfe)
+            seeded = count - count // 2 - 1
+            settings = SelectionSettings(n_pure=count // 2, n_seeded=seeded, n_finger=0, nfe=nfe)
             made[f"{count} {nfe}"] = DexFlexInterface(networks.controller, settings)
     measured = measure(made, steps)
     return {(count, nfe): measured[f"{count} {nfe}"] for count in candidates for nfe in evaluations}

@@ -17,7 +17,7 @@ from lerobot_dexflex.evaluation.reach.metrics import Metrics, around_events, mea
 from lerobot_dexflex.experts.reach.chains import Chain
 from lerobot_dexflex.interfaces.protocol import Interface
 
-BRANCHES = ("draft", "pure", "seeded")
+BRANCHES = ("draft", "pure", "seeded", "finger")
 """Kinds of candidates that a method may choose among; each has a column, the share of its steps."""
 COLUMNS = ("chain", "steps", "dropped", *Metrics._fields, "around", *BRANCHES)
 """Of the benchmark's rows. `chain` is a digest of start and goals, `around` the intervention around events:
