@@ -73,7 +73,7 @@ def measure(
     """Time single control steps of one hand; the interfaces take turns, so that all see the same machine.
 
     Args:
-        interfaces: By name; they read drafts of fingertip displacements.
+        interfaces: By name; they read drafts of fingertips.
         steps: Steps that are timed, after a few that are not.
         clock: Returns the time [s].
     """
