@@ -5,7 +5,7 @@ from lerobot_dexflex.evaluation.conditions import Condition
 
 
 @pytest.mark.parametrize(
-    "name", ["clean", "removal_2mm", "unverified", "jitter_4mm", "removal_2mm+heavy", "delay_2+unverified"]
+    "name", ["clean", "removal_2mm", "unverified", "noise_4mm", "removal_2mm+heavy", "delay_2+unverified"]
 )
 def test_a_condition_keeps_its_name(name):
     assert Condition.parse(name).name == name
