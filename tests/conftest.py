@@ -10,7 +10,14 @@ SYNTHETIC_EPISODES = (20, 26, 14)
 
 
 def make_synthetic_dataset(
-    root: Path, cameras=("front", "wrist"), joints=None, size=96, offset=0.0, squeeze=0.0, rename=None, **changes
+    root: Path,
+    cameras=("front", "wrist"),
+    joints=None,
+    size=96,
+    offset=0.0,
+    squeeze=0.0,
+    rename=None,
+    **changes,
 ) -> Path:
     """Write a tiny dataset in our schema: a bright square in all images says where the hand shall go.
 

@@ -165,7 +165,7 @@ def test_replays_are_players_of_the_recorded_seeds(dataset, actions):
 
 
 def test_fingertips_that_no_recording_holds_are_refused(dataset):
-    with pytest.raises(DexFlexError, match="`draft` must be measured or commanded. Got 'felt'"):
+    with pytest.raises(DexFlexError, match=r"`draft` must be measured or commanded\. Got 'felt'"):
         Replays(dataset, "felt")
 
 

@@ -153,9 +153,7 @@ def test_the_interface_is_switched_at_evaluation_within_its_action_space(trained
     assert "joint" not in choices[1].split("|")
 
 
-def test_a_checkpoint_of_drafts_from_before_the_choice_is_refused_until_it_tells_its_draft(
-    trained, tmp_path
-):
+def test_a_checkpoint_of_drafts_from_before_the_choice_is_refused_until_it_tells_its_draft(trained, tmp_path):
     from lerobot.configs import PreTrainedConfig
 
     policy, _ = trained["raw"]
@@ -173,7 +171,9 @@ def test_a_checkpoint_of_drafts_from_before_the_choice_is_refused_until_it_tells
 
 
 def test_a_policy_of_joint_targets_refuses_to_choose_fingertips(build):
-    with pytest.raises(DexFlexError, match=r"'joint' learns joint targets. Leave out --policy.draft=measured"):
+    with pytest.raises(
+        DexFlexError, match=r"'joint' learns joint targets. Leave out --policy.draft=measured"
+    ):
         build(interface="joint", draft="measured")
 
 

@@ -54,8 +54,6 @@ def execution():
     return made
 
 
-
-
 def test_every_draft_of_a_plan_is_relative_to_the_hand_as_it_is_measured_then(execution):
     # The hand goes its own way: neither what was planned nor what was commanded before is where it is.
     for k, joints in enumerate((0.5, 0.45, 0.7)):

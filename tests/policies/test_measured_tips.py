@@ -100,7 +100,9 @@ def test_the_learned_action_holds_joint_targets_and_measured_fingertips():
         learned_action({"action": action})
 
 
-@pytest.mark.parametrize(("draft", "column"), [("measured", "observation.fingertips"), ("commanded", "action")])
+@pytest.mark.parametrize(
+    ("draft", "column"), [("measured", "observation.fingertips"), ("commanded", "action")]
+)
 def test_a_policy_learns_the_fingertips_that_its_draft_names(
     make_dataset, monkeypatch, tmp_path, draft, column
 ):
