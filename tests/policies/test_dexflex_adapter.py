@@ -6,6 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import torch
+from draccus.utils import ParsingError
 from lerobot.configs import FeatureType, PolicyFeature
 
 from lerobot_dexflex.errors import DexFlexError
@@ -100,6 +101,14 @@ def test_the_plan_is_the_backbones_in_raw_units(adapter, backbone, observation):
 def test_what_cannot_be_a_backbone_is_refused(adapter, settings, message):
     with pytest.raises(DexFlexError, match=message):
         adapter(**settings)
+
+
+def test_the_draft_says_what_the_backbone_learned_and_changes_no_action(adapter, observation):
+    commanded, measured = adapter(interface="raw"), adapter(interface="raw", draft="measured")
+    assert (commanded.config.draft, measured.config.draft) == ("commanded", "measured")
+    assert torch.equal(commanded.select_action(observation), measured.select_action(observation))
+    with pytest.raises(ParsingError, match=r"`draft` must be measured or commanded\. Got 'felt'"):
+        adapter(interface="raw", draft="felt")
 
 
 def test_it_refuses_to_be_trained(adapter):

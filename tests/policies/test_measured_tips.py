@@ -1,5 +1,7 @@
 """The fingertips that a policy learns: where they were measured one step after the action."""
 
+from typing import Any
+
 import pytest
 import torch
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -23,7 +25,7 @@ def lerobots_own_loader(monkeypatch):
     monkeypatch.setattr(dataset_cache, "_limits", {})
 
 
-def load(root, **settings):
+def load(root, **settings) -> Any:
     return LeRobotDataset(
         "lerobot-dexflex/synthetic",
         root=root,

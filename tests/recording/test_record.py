@@ -99,7 +99,7 @@ def test_an_interface_decides_what_is_executed_and_recorded(counting_task, tmp_p
     root = tmp_path / "count"
     record.record(config(counting_task, root, episodes=1, glove_noise=0.004, interface="raw@0.001"), [])
     actions = numbers(load(LeRobotDataset, root))["action"]
-    np.testing.assert_allclose(actions[:, 23:], MEASURED, atol=1e-3)
+    np.testing.assert_allclose(actions[:, 23:], MEASURED, atol=3e-3)  # What the IK misses at such a pace.
     assert np.abs(actions[:, :7]).max() > 0.5  # The arm does what the expert says.
     card = (root / "README.md").read_text()
     assert "passed through the interface `raw@0.001`; labels and execution are" in card
