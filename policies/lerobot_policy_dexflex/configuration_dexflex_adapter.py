@@ -32,8 +32,8 @@ class DexflexAdapterConfig(PreTrainedConfig):
     """How the hand is commanded: `joint`, `raw`, `press`, `dexgen`, `dexflex` or another method of
     `lerobot_dexflex.interfaces`."""
     draft: str = COMMANDED
-    """Which fingertips the backbone learned: `commanded`, those of a recorded dataset's action, or `measured`.
-    Execution is the same."""
+    """Which fingertips the backbone learned: `commanded`, as recorded datasets' actions hold them, or
+    `measured`. Execution is the same."""
     controller: str = ""
     """Folder or hub id of the frozen controller of `dexgen` and `dexflex`; empty is the repository's own."""
     controller_digest: str = ""

@@ -1,10 +1,10 @@
 """Let a policy learn where the fingertips were measured, beside what was commanded.
 
-A dataset's action holds commanded fingertips, which press. Where the fingertips should be after step t, without
-force, is where they were measured at step t + 1; the last step of an episode repeats its own. LeRobot 0.6.1
-reads windows of all observations or of none, so every item of a named dataset gets these as `NEXT_TIPS`, over
-the steps of its action. A policy that misses them in a batch refuses it, rather than learn the commanded ones
-unawares.
+A dataset's action holds commanded fingertips, which press. Where the fingertips should be after step t,
+without force, is where they were measured at step t + 1; the last step of an episode repeats its own. LeRobot
+0.6.1 reads windows of all observations or of none, so every item of a named dataset gets these as `NEXT_TIPS`,
+over the steps of its action. A policy that misses them in a batch refuses it, rather than learn the commanded
+ones unawares.
 """
 
 from collections.abc import Mapping
@@ -121,7 +121,7 @@ def learned_action(batch: Mapping[str, Tensor]) -> Tensor:
 
 
 def learned_statistics(stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Return a dataset's statistics (`mean` and `std` per feature), action's being those of `learned_action`."""
+    """Return a dataset's statistics (`mean`, `std` per feature), of which action's are `learned_action`'s."""
     action = {
         name: np.concatenate(
             [np.asarray(stats[ACTION][name])[:-N_TIP_NUMBERS], np.asarray(stats[FINGERTIPS][name])]
