@@ -2,7 +2,7 @@
 
 A dataset's action holds commanded fingertips, which press. Where the fingertips should be after step t,
 without force, is where they were measured at step t + 1; the last step of an episode repeats its own. LeRobot
-0.6.1 reads windows of all observations or of none, so every item of a named dataset gets these as `NEXT_TIPS`,
+0.6.1 reads windows of all observations or of none, so each item of a named dataset gets these as `NEXT_TIPS`,
 over the steps of its action. A policy that misses them in a batch refuses it, rather than learn the commanded
 ones unawares.
 """
