@@ -195,8 +195,10 @@ def grid_progress(table: Path) -> dict[tuple[int, int], float]:
         return {}
     found = {}
     for name, progress in pd.read_csv(table).groupby("method")["progress"].mean().items():
+        if not str(name).startswith("dexflex:"):
+            continue
         method = Method.parse(str(name))
-        if method.base == "dexflex" and {"n_pure", "n_seeded", "nfe"} == set(dict(method.options)):
+        if {"n_pure", "n_seeded", "nfe"} == set(dict(method.options)):
             settings = SelectionSettings(**dict(method.options))
             found[settings.n_candidates, settings.nfe] = float(progress)
     return found

@@ -31,11 +31,11 @@ class Config:
 
     tasks: str = "PlaceHammer-v0"
     """Names of tasks, separated by commas."""
-    methods: str = "joint,raw,filter"
+    methods: str = "joint,raw,press"
     """`name[-ablation][:options][@gain],...`, such as `raw,dexgen@0.4,dexflex-notouch`."""
     conditions: str = "clean"
     """What goes wrong, separated by commas: errors of commands and disturbances, such as
-    `clean,jitter_4mm,removal_2mm+heavy`."""
+    `clean,noise_4mm,removal_2mm+heavy`."""
     episodes: int = 0
     """Per task, method and condition; 0 means 100, or 12 with `demo`."""
     seed: int = 100_000

@@ -109,7 +109,7 @@ PROGRAMS = {
             *(sys.executable, str(_ROOT / "eval/compare_interfaces.py"), "--output={output}/compare"),
             *(
                 "--tasks=PlaceHammer-v0",
-                "--methods=raw,filter",
+                "--methods=raw,press",
                 "--operator=true",
                 "--episodes=4",
                 "--videos=0",

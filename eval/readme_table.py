@@ -1,7 +1,7 @@
 """Print tables of the published results, or fill those of the documents from them.
 
 python eval/readme_table.py
-python eval/readme_table.py --conditions=clean,jitter_4mm --methods=joint,raw,dexflex
+python eval/readme_table.py --conditions=clean,noise_4mm --methods=joint,raw,dexflex
 
 Without arguments, every `<!-- results:NAME -->` ... `<!-- /results -->` of the documents is filled with the
 view of that NAME, from the rows of `eval/results/tasks.csv`.
@@ -18,7 +18,7 @@ from lerobot_dexflex.errors import DexFlexError
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "eval/results"
 TASKS = "PourCup-v0,PlaceHammer-v0,AssembleTable-v0"
-FIVE = "joint,raw,filter,dexgen,dexflex"
+FIVE = "joint,raw,press,dexgen,dexflex"
 _BLOCK = re.compile(r"<!-- results:(?P<name>\w+) -->\n.*?<!-- /results -->", re.DOTALL)
 
 
@@ -48,19 +48,16 @@ def _labelled(label: str) -> str:
 
 VIEWS = {
     "tasks": View(),
-    "tasks_removal": View(
-        "joint,raw,filter,shrink,dexgen@0.6,dexgen@0.4,dexflex-notouch,dexflex", "removal_2mm"
-    ),
-    "tasks_noise": View("joint,raw,filter,shrink,dexgen,dexgen@0.4,dexflex", "jitter_4mm"),
+    "tasks_removal": View(f"{FIVE},dexflex-notouch", "removal_2mm"),
+    "tasks_noise": View(FIVE, "noise_4mm"),
     "disturbed": View(conditions="slippery,pushed,heavy,late_touch", by="condition"),
     "pour_cup": View(tasks="PourCup-v0"),
     "place_hammer": View(tasks="PlaceHammer-v0"),
     "assemble_table": View(tasks="AssembleTable-v0"),
     "pour_cup_act": View(_labelled("act"), tasks="PourCup-v0"),
     "place_hammer_glove": View(_labelled("glove"), tasks="PlaceHammer-v0"),
-    "replay": View("replay/joint,replay/raw,replay/filter"),
-    "replay_jitter_2mm": View("replay/raw,replay/filter", "jitter_2mm"),
-    "replay_jitter_4mm": View("replay/raw,replay/filter", "jitter_4mm", "PlaceHammer-v0"),
+    "replay": View(_labelled("replay_measured")),
+    "replay_commanded": View("replay_commanded/joint,replay_commanded/raw"),
     "expert": View("expert"),
 }
 """What a document may show, by name."""

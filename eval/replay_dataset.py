@@ -1,6 +1,6 @@
 """Replay a recorded dataset through interfaces, from the same initial states, beside the expert's rate.
 
-python eval/replay_dataset.py --root=datasets/place_hammer --methods=raw,filter --conditions=clean,jitter_2mm
+python eval/replay_dataset.py --root=datasets/place_hammer --methods=raw,press:4 --conditions=clean,noise_2mm
 """
 
 import os
@@ -20,12 +20,15 @@ class Config:
     """Folder of a dataset that `dexflex-record` wrote."""
     methods: str = "raw"
     """Names of methods, separated by commas."""
+    draft: str = "measured"
+    """Where drafts lead: to the fingertips that were `measured` one step after each action, which hold no
+    force, or to the `commanded` ones."""
     conditions: str = "clean"
-    """What goes wrong, separated by commas, such as `clean,jitter_4mm`."""
+    """What goes wrong, separated by commas, such as `clean,noise_4mm`."""
     workers: int = 2
     """Worker processes; 0 runs in this one."""
     output: Path = Path("outputs/compare")
-    """Folder of the rows, as `replay/<method>`; `eval/results` publishes them."""
+    """Folder of the rows, as `replay_<draft>/<method>`; `eval/results` publishes them."""
 
     def __post_init__(self) -> None:
         if self.workers < 0:
@@ -47,12 +50,12 @@ def _work(config: Config, words: list[str]) -> int:
     demonstrations = load_demonstrations(config.root)
     conditions = _names(config.conditions)
     comparison = Comparison(
-        players={demonstrations.task: Replays(config.root)},
+        players={demonstrations.task: Replays(config.root, config.draft)},
         methods=_names(config.methods),
         output=config.output,
         conditions=conditions,
         seeds=demonstrations.seeds,
-        label="replay",
+        label=f"replay_{config.draft}",
         cameras=False,
     )
     rows = compare(comparison, config.workers)

@@ -4,6 +4,8 @@ CONTROL_PERIOD = 0.05
 """Time of one control step [s]."""
 DRAFT_HORIZON = 8
 """Control steps that a draft looks ahead."""
+MEASURED, COMMANDED = DRAFTS = ("measured", "commanded")
+"""Which fingertips of a recording a draft leads to: where they were one step later, or were told to be."""
 FINGER_NAMES = ("index", "middle", "ring", "thumb")
 """Order of the fingers in every tensor, as people call them; `hand.leap.FINGERS` are the model's prefixes."""
 STATE, TACTILE = "observation.state", "observation.tactile"

@@ -10,7 +10,14 @@ SYNTHETIC_EPISODES = (20, 26, 14)
 
 
 def make_synthetic_dataset(
-    root: Path, cameras=("front", "wrist"), joints=None, size=96, offset=0.0, rename=None, **changes
+    root: Path,
+    cameras=("front", "wrist"),
+    joints=None,
+    size=96,
+    offset=0.0,
+    squeeze=0.0,
+    rename=None,
+    **changes,
 ) -> Path:
     """Write a tiny dataset in our schema: a bright square in all images says where the hand shall go.
 
@@ -20,6 +27,7 @@ def make_synthetic_dataset(
         joints: Names of the joints; all of hand and arm if None.
         size: Width and height of the images.
         offset: Added to joints and fingertips.
+        squeeze: Added to commanded fingertips.
         rename: Other names of features, by name.
         **changes: Overrides of `LeRobotDataset.create`, e.g. another `fps`.
     """
@@ -50,7 +58,7 @@ def make_synthetic_dataset(
     for steps in SYNTHETIC_EPISODES:
         goal = rng.uniform(-1, 1, 2)
         for k in range(steps):
-            frame = _synthetic_frame(rng, goal, k / steps, images, len(joints), offset)
+            frame = _synthetic_frame(rng, goal, k / steps, images, len(joints), offset, squeeze)
             frame = {rename.get(key, key): value for key, value in frame.items()}
             kept = {key: value for key, value in frame.items() if key in dataset.features}
             dataset.add_frame(kept | {"task": "follow"})
@@ -59,7 +67,7 @@ def make_synthetic_dataset(
     return root
 
 
-def _synthetic_frame(rng, goal, phase, images, n_joints, offset):
+def _synthetic_frame(rng, goal, phase, images, n_joints, offset, squeeze):
     size = next(iter(images.values()))[0]
     image = np.full((size, size, 3), 40, np.uint8)
     row, column = (size / 2 + 3 / 8 * size * goal).astype(int)
@@ -71,7 +79,7 @@ def _synthetic_frame(rng, goal, phase, images, n_joints, offset):
         "observation.tactile": rng.exponential(0.05, 240),
         "observation.fingertips": tips,
         "observation.gravity": np.array([0.0, 0.0, -1.0]),
-        "action": np.concatenate([joints, tips]),
+        "action": np.concatenate([joints, tips + squeeze]),
     }
     views = {key: image[:: (-1) ** k].copy() for k, key in enumerate(images)}
     return views | {key: value.astype(np.float32) for key, value in vectors.items()}

@@ -13,6 +13,11 @@ from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 _PLUGIN = "lerobot_policy_dexflex"
 _ADAPTER = "dexflex_adapter"
+UNTOLD_DRAFT = (
+    "This checkpoint learned drafts, but does not tell of which fingertips: it is from before there was a "
+    'choice, and learned commanded ones. Write `"draft": "commanded"` into its config.json, or add '
+    "--policy.draft=commanded to a command of LeRobot."
+)
 
 
 class LoadedPolicy(NamedTuple):
@@ -27,7 +32,7 @@ def check_checkpoint(folder: Path, space: CommandSpace) -> None:
     """Refuse a folder that is no checkpoint of this action space; reads its configuration only.
 
     Raises:
-        DexFlexError: Says how to train what is missing.
+        DexFlexError: Says how to train what is missing, or what an old checkpoint has to say.
     """
     interface = {"joint": "joint", "draft": "raw"}[space]
     remedy = (
@@ -44,6 +49,8 @@ def check_checkpoint(folder: Path, space: CommandSpace) -> None:
             f"The checkpoint {folder} ({config.get('type')}) learned the action space "
             f"{config.get('action_space')!r}, but this interface executes {space!r}. {remedy}"
         )
+    if space == "draft" and not config.get("draft"):
+        raise DexFlexError(f"{folder / 'config.json'}: {UNTOLD_DRAFT}")
 
 
 def check_backbone(folder: Path) -> None:

@@ -10,23 +10,26 @@ from lerobot_dexflex.interfaces.wrapper import WrappedInterface
 
 
 class ObservedInterface(WrappedInterface):
-    """Passes all to an interface and remembers how it changed the last draft. Satisfies `Interface`."""
+    """Passes all to an interface and keeps how it changed the last draft. Satisfies `Interface`.
+
+    Args:
+        inner: Any interface.
+    """
 
     def __init__(self, inner: Interface) -> None:
         super().__init__(inner)
-        self.motion: Motion | None = None
+        self.change: Motion | None = None
+        """None before the first step, and of joint targets."""
 
     def reset(self, mask: Tensor | None = None) -> None:
         """Begin a new episode in the rows of `mask`, or in all."""
-        self.motion = None
+        self.change = None
         super().reset(mask)
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         """Return the inner interface's joint targets; see `Interface.step`."""
-        before = self.inner.start(observation)
         targets = self.inner.step(observation, draft)
-        command = self.inner.command
-        if self.command_space == "draft" and command is not None:
-            parts = (draft[:, 0], command - before, command)
-            self.motion = Motion(*(part.double().cpu().numpy() for part in parts))
+        selected = self.inner.motion
+        if self.command_space == "draft" and selected is not None:
+            self.change = Motion(*(part.double().cpu().numpy() for part in (draft[:, 0], selected)))
         return targets

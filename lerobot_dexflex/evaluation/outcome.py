@@ -18,19 +18,17 @@ class Motion(NamedTuple):
     """How an interface changed a draft in one control step, palm frame. Shapes (batch, 4, 3), [m]."""
 
     draft: NDArray[np.float64]
-    """Displacement of the commanded fingertips that the policy asked for."""
-    executed: NDArray[np.float64]
-    """Displacement that the interface executed."""
-    command: NDArray[np.float64]
-    """Commanded fingertips after the step."""
+    """Where the fingertips should be after the step, from where they are measured."""
+    selected: NDArray[np.float64]
+    """Motion from there that the interface asked of the hand, beside any grip."""
 
     def row(self, index: int) -> "Motion":
         """Return one episode of the batch, shapes (4, 3)."""
         return Motion(*(part[index] for part in self))
 
     def magnitude(self) -> float:
-        """Return ||executed - draft|| / (||draft|| + 1 um) of one episode's step."""
-        difference = np.linalg.norm(self.executed - self.draft)
+        """Return ||selected - draft|| / (||draft|| + 1 um) of one episode's step."""
+        difference = np.linalg.norm(self.selected - self.draft)
         return float(difference / (np.linalg.norm(self.draft) + _EPSILON))
 
 

@@ -37,7 +37,7 @@ class LeRobotPolicies:
     joint: Path
     """Folder `pretrained_model` of the policy that learned joint targets."""
     draft: Path
-    """Folder `pretrained_model` of the policy that learned commanded fingertips."""
+    """Folder `pretrained_model` of the policy that learned fingertips, measured or commanded ones."""
     device: str = "cpu"
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
@@ -150,7 +150,7 @@ class LeRobotController:
     @property
     def motion(self) -> Motion | None:
         """See `Controller.motion`."""
-        return self._observer.motion
+        return self._observer.change
 
     def reset(self, seeds: Sequence[int]) -> None:
         """Start one episode per seed."""

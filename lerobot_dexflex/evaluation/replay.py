@@ -2,7 +2,7 @@
 
 import functools
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,20 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.disturbed import DisturbedInterface
 from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
-from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
+from lerobot_dexflex.conventions import (
+    COMMANDED,
+    DRAFT_HORIZON,
+    DRAFTS,
+    FINGERTIPS,
+    LEROBOT_KEYS,
+    MEASURED,
+    STATE,
+)
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation import rollout
 from lerobot_dexflex.evaluation.outcome import Motion
+from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.model import JOINTS
 from lerobot_dexflex.interfaces.method import Method, make_interface
 from lerobot_dexflex.recording.schema import FPS, columns
@@ -39,8 +48,23 @@ class Demonstrations:
     """Environment seed of each episode."""
     actions: tuple[NDArray[np.float32], ...]
     """23 joint targets [rad] and 12 commanded fingertips [m] per step. Shapes (steps, 35)."""
+    measured: tuple[NDArray[np.float32], ...]
+    """Where the fingertips were one step after each action [m]; the last step repeats its own. Shapes
+    (steps, 12)."""
     expert: tuple[int, int]
     """Successes and attempts of the expert while recording; only successes were kept."""
+
+    def played(self, draft: str) -> dict[int, NDArray[np.float32]]:
+        """Return by seed what is replayed: joint targets and fingertips, each of shape (steps, 35).
+
+        Args:
+            draft: Which fingertips, one of `DRAFTS`.
+        """
+        if draft == COMMANDED:
+            return dict(zip(self.seeds, self.actions, strict=True))
+        joints = [actions[:, : len(JOINTS)] for actions in self.actions]
+        parts = zip(joints, self.measured, strict=True)
+        return dict(zip(self.seeds, (np.concatenate(both, 1) for both in parts), strict=True))
 
 
 def load_demonstrations(root: Path) -> Demonstrations:
@@ -61,22 +85,30 @@ def load_demonstrations(root: Path) -> Demonstrations:
             f"Replay needs leap_xarm7 at {FPS} fps, with joint targets and commanded fingertips as action."
         )
     files = sorted(root.glob(_PARQUET))
-    tables = [pq.read_table(file, columns=["episode_index", "action"]) for file in files]
+    tables = [pq.read_table(file, columns=["episode_index", "action", FINGERTIPS]) for file in files]
     index = np.concatenate([table["episode_index"].to_numpy() for table in tables])
-    values = np.concatenate([np.stack(table["action"].to_numpy()) for table in tables])
+    values, tips = (
+        np.concatenate([np.stack(table[key].to_numpy()) for table in tables])
+        for key in ("action", FINGERTIPS)
+    )
     seeds = tuple(record["episode_seeds"])
     expert = (record["expert"]["successes"], record["expert"]["attempts"])
     actions = tuple(values[index == k] for k in range(len(seeds)))
-    return Demonstrations(root, record["recipe"]["task"], seeds, actions, expert)
+    measured = tuple(_one_step_later(tips[index == k]) for k in range(len(seeds)))
+    return Demonstrations(root, record["recipe"]["task"], seeds, actions, measured, expert)
+
+
+def _one_step_later(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.concatenate([values[1:], values[-1:]])
 
 
 class ReplayController:
     """Plays recorded actions through an interface; holds the last one when they end.
 
     Args:
-        actions: Recorded actions, shape (steps, 35).
-        interface: `joint` executes the joint targets; the others read drafts that lead the commanded
-            fingertips to the recorded ones.
+        actions: Joint targets [rad], then fingertips [m]. Shape (steps, 35).
+        interface: `joint` executes the joint targets; the others read drafts that lead the fingertips, from
+            wherever they are measured, to the recorded ones.
         errors: What goes wrong with the commands; those of joint targets are moved by as much.
     """
 
@@ -110,8 +142,7 @@ class ReplayController:
         if self._interface.command_space == "joint":
             draft = joints[None, :, _ARM:]
         else:
-            start = self._interface.start(state)
-            draft = torch.diff(tips.view(1, -1, 4, 3), dim=1, prepend=start[:, None])
+            draft = tips.view(1, -1, 4, 3) - fingertips(state[STATE][:, _ARM:])[:, None]
         self._step += 1
         hand = self._interface.step(state, draft)
         return torch.cat([joints[:1, :_ARM], hand], dim=1).numpy()
@@ -119,14 +150,24 @@ class ReplayController:
 
 @dataclass(frozen=True)
 class Replays:
-    """A dataset's actions as players: of each seed, what was recorded from it."""
+    """A dataset's actions as players: of each seed, what was recorded from it.
+
+    Raises:
+        DexFlexError: If `draft` is none of `DRAFTS`.
+    """
 
     root: Path
     """Folder of the dataset."""
+    draft: str = MEASURED
+    """Which fingertips are replayed: `measured` ones, one step after each action, or `commanded` ones."""
+
+    def __post_init__(self) -> None:
+        if self.draft not in DRAFTS:
+            raise DexFlexError(f"`draft` must be {' or '.join(DRAFTS)}. Got {self.draft!r}.")
 
     def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "Replayer":
         """Replay through a method, with errors of the commands."""
-        return Replayer(_demonstrations(self.root), method, errors)
+        return Replayer(_demonstrations(self.root).played(self.draft), method, errors)
 
     def check(self, methods: Sequence[str]) -> None:
         """Refuse what cannot run, before anything does.
@@ -143,21 +184,24 @@ class Replays:
         parsed = Method.parse(method)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *parsed.modules)
         recorded = (self.root / RECORD_FILE, *sorted(self.root.glob(_PARQUET)))
-        return method_version(modules, (*recorded, *parsed.weights()), method=parsed.name, **settings)
+        return method_version(
+            modules, (*recorded, *parsed.weights()), method=parsed.name, draft=self.draft, **settings
+        )
 
 
 class Replayer:
     """Replays, one at a time, the episode that was recorded from a seed. Satisfies `Controller`.
 
     Args:
-        demonstrations: What was recorded.
+        actions: What was recorded, by seed.
         method: See `ReplayController`.
         errors: See `ReplayController`.
     """
 
-    def __init__(self, demonstrations: Demonstrations, method: str, errors: CommandErrors) -> None:
-        self._actions = dict(zip(demonstrations.seeds, demonstrations.actions, strict=True))
-        self._method, self._errors = method, errors
+    def __init__(
+        self, actions: Mapping[int, NDArray[np.float32]], method: str, errors: CommandErrors
+    ) -> None:
+        self._actions, self._method, self._errors = actions, method, errors
 
     @property
     def motion(self) -> Motion | None:

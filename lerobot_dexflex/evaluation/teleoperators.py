@@ -73,7 +73,7 @@ class TeleoperatorController:
     @property
     def motion(self) -> Motion | None:
         """See `Controller.motion`."""
-        rows = [observer.motion for observer in self._observers[: len(self._hands)]]
+        rows = [observer.change for observer in self._observers[: len(self._hands)]]
         if any(row is None for row in rows):
             return None
         return Motion(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
@@ -90,8 +90,7 @@ class TeleoperatorController:
         expert = make_expert(self._teleoperators.task)
         for row, (env, seed) in enumerate(zip(environments, self._seeds, strict=True)):
             self._commands.append(expert(env.unwrapped, np.random.default_rng((seed, _OWN))))
-            start = env.get_wrapper_attr("command")[7:]
-            self._hands.append(GlovedHand(self._observers[row], self._errors, seed, start))
+            self._hands.append(GlovedHand(self._observers[row], self._errors, seed))
 
     def act(self, observation: Mapping[str, Any], task: str) -> NDArray[np.floating]:
         """Return joint targets [rad], shape (batch, 23); an expert that is done keeps its last command."""

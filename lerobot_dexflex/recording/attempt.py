@@ -19,8 +19,9 @@ from lerobot_dexflex.conventions import LEROBOT_KEYS
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
-from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.experts.command import Command, fingertips_of
 from lerobot_dexflex.interfaces import Interface, make_interface
+from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS
 from lerobot_dexflex.recording.schema import columns, rounded
 
 
@@ -80,7 +81,7 @@ def run_attempt(
     options: dict[str, Any] = {} if cameras else {"cameras": ()}
     env = gymnasium.make(f"{NAMESPACE}/{task}", disable_env_checker=True, **options)
     try:
-        # A steady command through `raw` is the expert's own: the same law has made its joints.
+        # Fingertips without errors need no second solution: the expert's joints are what `raw` makes of them.
         direct = interface == "raw" and not glove_noise
         below = None if direct else _interface(interface, controller)
         return _run(env, expert, seed, index, cameras, below, glove_noise)
@@ -107,8 +108,8 @@ def _run(
     commands: Iterator[Command] = expert(env.unwrapped, np.random.default_rng((seed, index)))
     hand = None
     if interface is not None:
-        errors = CommandErrors.of(jitter=glove_noise) if glove_noise else NO_ERRORS
-        hand = GlovedHand(interface, errors, (seed, index, 1), env.get_wrapper_attr("command")[7:])
+        errors = CommandErrors.of(noise=glove_noise) if glove_noise else NO_ERRORS
+        hand = GlovedHand(interface, errors, (seed, index, 1))
     frames: list[dict[str, NDArray]] = []
     steps = 0
     for command in commands:
@@ -128,7 +129,8 @@ def _run(
 def _frame(observation: dict[str, Any], command: Command) -> dict[str, NDArray]:
     images = {f"observation.images.{name}": image for name, image in observation["pixels"].items()}
     numbers = {key: observation[name] for name, key in LEROBOT_KEYS.items()}
-    action = np.concatenate([command.joint_targets, np.reshape(command.fingertips, -1)])
+    joints = command.joint_targets
+    action = np.concatenate([joints, fingertips_of(joints[-N_JOINTS:]).ravel()])
     return images | numbers | {"action": action}
 
 

@@ -13,7 +13,7 @@ from lerobot_dexflex.recording.staging import RECORD_FILE
 from lerobot_dexflex.runs.statistics import success_rate
 
 _GLOVE = """\
-The operator's glove jitters by ±{:.1f} mm in every fingertip coordinate, anew in every step.
+The operator's glove is off by up to ±{:.1f} mm in every fingertip coordinate, anew in every step.
 """
 _INTERFACE = """\
 The operator's fingertips passed through the interface `{interface}`{controller}; labels and execution are

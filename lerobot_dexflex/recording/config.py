@@ -50,12 +50,12 @@ class RecordConfig:
     max_attempts: int = 0
     """Give up after so many attempts; 0 means twice the episodes plus 10."""
     glove_noise: float = 0.0
-    """Half width of uniform noise on every commanded fingertip coordinate, new in every step [m]: jitter of a
-    glove or a hand tracker. What the interface makes of it is executed and recorded: nobody knows an
-    operator's steady command."""
+    """Half width of uniform noise on every commanded fingertip coordinate, new in every step [m]: what a
+    glove or a hand tracker is off by. What the interface makes of it is executed and recorded: nobody knows
+    an operator's steady command."""
     interface: str = "raw"
-    """What executes the commanded fingertips while recording: `raw`, `filter`, `dexgen`, `dexflex` or another
-    interface that reads drafts."""
+    """What executes the commanded fingertips while recording: `raw`, `press`, `dexgen`, `dexflex` or another
+    method that reads drafts."""
     controller: str = ""
     """Folder or hub id of the controller of `dexgen` and `dexflex`; empty is the repository's own."""
     video: VideoConfig = field(default_factory=VideoConfig)

@@ -60,7 +60,7 @@ def columns(joints: Sequence[str]) -> dict[str, Column]:
             angles + tips,
             "rad, m",
             steps,
-            "absolute joint targets, then commanded fingertips in the palm frame",
+            "absolute joint targets, then the commanded fingertips, those of these joints, in the palm frame",
         ),
     }
 

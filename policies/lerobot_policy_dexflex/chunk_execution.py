@@ -5,9 +5,11 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.conventions import DRAFT_HORIZON
+from lerobot_dexflex.conventions import DRAFT_HORIZON, STATE
+from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces import Interface
-from lerobot_policy_dexflex.drafts import displacement_draft, joint_draft
+from lerobot_policy_dexflex.drafts import joint_draft, tip_draft
+from lerobot_policy_dexflex.normalization import N_HAND_JOINTS
 
 
 class ChunkExecution:
@@ -17,12 +19,11 @@ class ChunkExecution:
         interface: Commands the hand.
         n_arm: Leading joints of the arm, which are executed as planned.
         n_steps: Control steps executed before a new chunk is due.
-        command_gain: Part of the lag between planned and executed fingertips that a draft makes up per step.
     """
 
-    def __init__(self, interface: Interface, n_arm: int, n_steps: int, command_gain: float) -> None:
+    def __init__(self, interface: Interface, n_arm: int, n_steps: int) -> None:
         self.interface = interface
-        self._n_arm, self._n_steps, self._command_gain = n_arm, n_steps, command_gain
+        self._n_arm, self._n_steps = n_arm, n_steps
         self.reset()
 
     @property
@@ -31,18 +32,17 @@ class ChunkExecution:
         return self._chunk is None or self._step >= self._n_steps
 
     def reset(self) -> None:
-        """Begin a new episode in every row: forget the chunk and the commanded hand."""
+        """Begin a new episode in every row: forget the chunk and the last command."""
         self.interface.reset()
         self._chunk: Tensor | None = None
         self._step = 0
-        self._planned_tips: Tensor | None = None
 
     def begin(self, chunk: Tensor) -> None:
         """Follow a new chunk from its first step on.
 
         Args:
-            chunk: Arm joints [rad], then what the interface executes: hand joints [rad] or commanded
-                fingertips in the palm frame [m]. Shape (batch, steps, n_arm + 16 or 12).
+            chunk: Arm joints [rad], then what the interface executes: hand joints [rad] or
+                fingertips in the palm frame [m], both absolute. Shape (batch, steps, n_arm + 16 or 12).
         """
         self._chunk, self._step = chunk.float(), 0
 
@@ -63,11 +63,8 @@ class ChunkExecution:
             draft = joint_draft(hand, self._step, DRAFT_HORIZON)
         else:
             planned = hand.double().unflatten(-1, (4, 3))
-            command = self.interface.start(batch)
-            draft = displacement_draft(
-                planned, self._step, DRAFT_HORIZON, command, self._planned_tips, self._command_gain
-            )
-            self._planned_tips = planned[:, self._step]
+            tips = fingertips(batch[STATE][:, -N_HAND_JOINTS:].double())
+            draft = tip_draft(planned, self._step, DRAFT_HORIZON, tips)
         hand_targets = self.interface.step(batch, draft).to(chunk.dtype)
         targets = torch.cat([arm[:, self._step], hand_targets], -1)
         self._step += 1

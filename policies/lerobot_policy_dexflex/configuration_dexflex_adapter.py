@@ -6,8 +6,9 @@ from draccus.utils import ParsingError
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig
 
+from lerobot_dexflex.conventions import COMMANDED, DRAFTS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_policy_dexflex.configuration_shared import check_interface, no_normalization
+from lerobot_policy_dexflex.configuration_shared import check_draft, check_interface, no_normalization
 
 NOT_TRAINED = (
     "dexflex_adapter is not trained. Train its backbone with --policy.type=act or another policy of LeRobot, "
@@ -20,23 +21,25 @@ NOT_TRAINED = (
 class DexflexAdapterConfig(PreTrainedConfig):
     """An action interface under a policy that LeRobot trained on a dataset of `dexflex-record`.
 
-    The backbone learned the whole action: joint targets, then commanded fingertips. The interface decides
-    which of the two is executed, so that one checkpoint serves all of them.
+    The backbone learned the whole action: joint targets, then fingertips. The interface decides which of the
+    two is executed, so that one checkpoint serves all of them.
     """
 
     backbone_path: str = ""
     """Folder or hub id of the policy below: a `pretrained_model` of ACT or another policy that plans chunks
     from one observation."""
     interface: str = "raw"
-    """How the hand is commanded: a name of `lerobot_dexflex.interfaces`."""
+    """How the hand is commanded: `joint`, `raw`, `press`, `dexgen`, `dexflex` or another method of
+    `lerobot_dexflex.interfaces`."""
+    draft: str = COMMANDED
+    """Which fingertips the backbone learned: `commanded`, as recorded datasets' actions hold them, or
+    `measured`. Execution is the same."""
     controller: str = ""
     """Folder or hub id of the frozen controller of `dexgen` and `dexflex`; empty is the repository's own."""
     controller_digest: str = ""
     """Interface and content hash of the controller; set by the policy."""
     n_action_steps: int = 8
     """Control steps executed before planning again."""
-    command_gain: float = 1.0
-    """Part of the lag between planned and executed fingertips that a draft makes up in one control step."""
     normalization_mapping: dict[str, NormalizationMode] = field(default_factory=no_normalization)
 
     def __post_init__(self) -> None:
@@ -47,6 +50,7 @@ class DexflexAdapterConfig(PreTrainedConfig):
         """
         super().__post_init__()
         check_interface(self.interface)
+        check_draft(self.draft, DRAFTS)
         if self.n_action_steps < 1:
             raise ParsingError(f"`n_action_steps` must be at least 1. Got {self.n_action_steps}.")
 

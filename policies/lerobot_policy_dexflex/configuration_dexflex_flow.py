@@ -7,9 +7,11 @@ from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
+from lerobot_dexflex.conventions import DRAFTS, MEASURED
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.checkpoints import UNTOLD_DRAFT
 from lerobot_dexflex.interfaces import INTERFACES, Method
-from lerobot_policy_dexflex.configuration_shared import check_interface, no_normalization
+from lerobot_policy_dexflex.configuration_shared import check_draft, check_interface, no_normalization
 
 ACTION_SPACES = ("joint", "draft")
 _INPUTS = ("observation.state", "observation.tactile", "observation.fingertips", "observation.gravity")
@@ -27,24 +29,26 @@ class DexflexFlowConfig(PreTrainedConfig):
 
     # What is learned and how it is executed
     interface: str = "joint"
-    """How the hand is commanded: `joint`, `raw`, `filter`, `dexgen`, `dexflex` or another method of
+    """How the hand is commanded: `joint`, `raw`, `press`, `dexgen`, `dexflex` or another method of
     `lerobot_dexflex.interfaces`, such as `dexflex-notouch@0.7`. Switchable at evaluation within the same
-    action space: `joint` needs a checkpoint of joint targets, the others one of commanded fingertips."""
+    action space: `joint` needs a checkpoint of joint targets, the others one of fingertips."""
     controller: str = ""
     """Folder or hub id of the frozen controller of `dexgen` and `dexflex`; empty is the repository's own."""
     controller_digest: str = ""
     """Interface and content hash of the controller that a checkpoint was saved with; set by the policy."""
     action_space: str = ""
     """Slice of the dataset's action that is learned: `joint` (all joint targets) or `draft` (arm joints and
-    commanded fingertips). Empty in a new training: the interface decides. Saved in the checkpoint."""
+    fingertips). Empty in a new training: the interface decides. Saved in the checkpoint."""
+    draft: str = ""
+    """Which fingertips are learned: `measured`, where they were one step later, which holds no force; or
+    `commanded`, the dataset's own, which press. Empty in a new training of drafts: `measured`. Saved in the
+    checkpoint."""
     tasks: list[str] = field(default_factory=list)
     """Instructions in the training dataset; set by the policy, which warns when it is asked for another."""
     chunk_size: int = 16
     """Control steps predicted at once."""
     n_action_steps: int = 8
     """Control steps executed before planning again."""
-    command_gain: float = 1.0
-    """Part of the lag between planned and executed fingertips that a draft makes up in one control step."""
 
     # Network
     dim: int = 128
@@ -102,6 +106,7 @@ class DexflexFlowConfig(PreTrainedConfig):
         """
         super().__post_init__()
         check_interface(self.interface)
+        check_draft(self.draft, (*DRAFTS, ""))
         if self.action_space not in ("", *ACTION_SPACES):
             raise ParsingError(
                 f"`action_space` must be one of {', '.join(ACTION_SPACES)}, or empty to let the interface "
@@ -137,10 +142,13 @@ class DexflexFlowConfig(PreTrainedConfig):
         """Let the interface decide the action space of a new training, or check it against a checkpoint.
 
         Raises:
-            DexFlexError: If the checkpoint learned another action space than the interface executes.
+            DexFlexError: If the checkpoint learned another action space than the interface executes, or does
+                not tell which fingertips it learned.
         """
         wanted = Method.parse(self.interface).command_space
-        self.action_space = self.action_space or wanted
+        if not self.action_space:
+            self.action_space = wanted
+            self.draft = self.draft or (MEASURED if wanted == "draft" else "")
         if self.action_space != wanted:
             fitting = [n for n, entry in INTERFACES.items() if entry.command_space == self.action_space]
             raise DexFlexError(
@@ -148,6 +156,13 @@ class DexflexFlowConfig(PreTrainedConfig):
                 f"learned {self.action_space!r}. Choose --policy.interface={'|'.join(fitting)}, or load a "
                 f"checkpoint that was trained with --policy.interface={self.interface}."
             )
+        if wanted == "joint" and self.draft:
+            raise DexFlexError(
+                f"`draft` says which fingertips are learned, but {self.interface!r} learns joint targets. "
+                f"Leave out --policy.draft={self.draft}."
+            )
+        if wanted == "draft" and not self.draft:
+            raise DexFlexError(UNTOLD_DRAFT)
         return self.action_space
 
     @property

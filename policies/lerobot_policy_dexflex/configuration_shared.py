@@ -1,10 +1,23 @@
 """What the configurations of both policies have in common."""
 
+from collections.abc import Sequence
+
 from draccus.utils import ParsingError
 from lerobot.configs import NormalizationMode
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces import Method
+
+
+def check_draft(name: str, valid: Sequence[str]) -> None:
+    """Refuse a name that is none of the valid ones; the empty one leaves the choice to the policy.
+
+    Raises:
+        ParsingError: draccus hides the message of any ValueError from a configuration, but not this one.
+    """
+    if name not in valid:
+        empty = ", or empty" if "" in valid else ""
+        raise ParsingError(f"`draft` must be {' or '.join(filter(None, valid))}{empty}. Got {name!r}.")
 
 
 def check_interface(name: str) -> None:

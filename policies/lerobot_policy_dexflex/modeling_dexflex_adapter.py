@@ -64,7 +64,7 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
         interface = link_interface(config)
         n_arm = n_joints - N_HAND_JOINTS
         self._columns = action_columns(n_joints, interface.command_space, n_arm)
-        self.execution = ChunkExecution(interface, n_arm, config.n_action_steps, config.command_gain)
+        self.execution = ChunkExecution(interface, n_arm, config.n_action_steps)
 
     def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return nothing: the adapter is not trained."""
@@ -93,7 +93,7 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
             batch: Observation in raw units.
 
         Returns:
-            Arm joints [rad], then hand joints [rad] or commanded fingertips [m]. Shape (batch, steps, ...).
+            Arm joints [rad], then hand joints [rad] or fingertips [m]. Shape (batch, steps, ...).
         """
         planned = self.backbone.predict_action_chunk(self._before(dict(batch)))
         # Mixed precision ends here: the pipeline brings the plan to raw units, which bfloat16 would round.
@@ -139,7 +139,7 @@ def _check(backbone: PreTrainedConfig, config: DexflexAdapterConfig, n_joints: i
         got = None if feature is None else tuple(feature.shape)
         raise DexFlexError(
             f"The backbone's action must have shape {wanted}: {n_joints} joint targets, then {N_TIP_NUMBERS} "
-            f"numbers of commanded fingertips. Got {got}. "
+            f"numbers of fingertips. Got {got}. "
             "Train it on a dataset that `dexflex-record` recorded for this robot."
         )
     if getattr(backbone, "n_obs_steps", 1) != 1:

@@ -10,6 +10,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION, OBS_STATE
 from torch import Tensor, nn
 
+from lerobot_dexflex.conventions import MEASURED
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_policy_dexflex.augmentation import jitter, shift_images, vary_light
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
@@ -27,6 +28,7 @@ from lerobot_policy_dexflex.dataset_cache import cache_dataset
 from lerobot_policy_dexflex.encoders import Observation
 from lerobot_policy_dexflex.flow_network import LAST_TIME, FlowNetwork
 from lerobot_policy_dexflex.lerobot_command import renamed, resuming, worker_processes
+from lerobot_policy_dexflex.measured_tips import add_measured_tips, learned_action, learned_statistics
 from lerobot_policy_dexflex.normalization import N_HAND_JOINTS, N_TIP_NUMBERS, Normalization, compress_touch
 from lerobot_policy_dexflex.weights import load_weights
 
@@ -86,7 +88,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         self.average = copy.deepcopy(self.network).requires_grad_(False)
         self.register_buffer("updates", torch.zeros((), dtype=torch.int64))
         interface = link_interface(config)
-        self.execution = ChunkExecution(interface, self._n_arm, config.n_action_steps, config.command_gain)
+        self.execution = ChunkExecution(interface, self._n_arm, config.n_action_steps)
         if dataset_stats is not None:
             self.begin_training(dataset_stats)
 
@@ -95,6 +97,8 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         self.config.tasks = [str(task) for task in meta.tasks.index]
         if self.config.cache_dataset:
             cache_dataset(meta, self.config.cache_gigabytes, worker_processes())
+        if self.config.draft == MEASURED:
+            add_measured_tips(meta)
 
     @classmethod
     def from_pretrained(  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -116,7 +120,8 @@ class DexflexFlowPolicy(PreTrainedPolicy):
 
     def begin_training(self, dataset_stats: Mapping[str, Any]) -> None:
         """Take over a dataset's statistics and let the running average forget what came before."""
-        self.normalization.fit(renamed(dataset_stats))
+        stats = renamed(dataset_stats)
+        self.normalization.fit(learned_statistics(stats) if self.config.draft == MEASURED else stats)
         self.updates.zero_()
 
     @classmethod
@@ -142,18 +147,20 @@ class DexflexFlowPolicy(PreTrainedPolicy):
             average.lerp_(current, 1 - decay)
 
     def reset(self) -> None:
-        """Begin a new episode in every row: forget the chunk and the commanded hand."""
+        """Begin a new episode in every row: forget the chunk and the last command."""
         self.execution.reset()
 
     def forward(self, batch: dict[str, Any], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Return the flow-matching loss on `noise_draws` pairs of time and noise per sample.
 
         Args:
-            batch: Observation, `action` (batch, chunk_size, action) in raw units, `action_is_pad`.
+            batch: Observation, `action` (batch, chunk_size, action) in raw units, `action_is_pad`; measured
+                fingertips if these are learned, see `measured_tips.learned_action`.
             reduction: `mean`, or `none` for one loss per sample.
         """
         network = self.network if self.training else self.average
-        x_1 = self.normalization.action(batch[ACTION][..., self.normalization.columns])
+        action = learned_action(batch) if self.config.draft == MEASURED else batch[ACTION]
+        x_1 = self.normalization.action(action[..., self.normalization.columns])
         t, x_0 = self._draw(x_1)
         x_t = torch.lerp(x_0, x_1.expand_as(x_0), t[..., None, None])  # (draws, batch, chunk, dim)
         velocity = network.velocity(x_t, t, network.encode(self._observe(batch)))
@@ -205,7 +212,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
             noise: Standard normal start; drawn if None. Shape (batch, chunk_size, action_dim).
 
         Returns:
-            Arm joints [rad], then hand joints [rad] or commanded fingertips [m]. Shape of `noise`.
+            Arm joints [rad], then hand joints [rad] or fingertips [m]. Shape of `noise`.
         """
         shape = (len(batch[OBS_STATE]), self.config.chunk_size, len(self.normalization.columns))
         if noise is None:

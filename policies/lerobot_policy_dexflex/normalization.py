@@ -14,7 +14,7 @@ MIN_LENGTH_STD = 0.002
 """The same for fingertips [m]."""
 N_HAND_JOINTS = len(HAND_JOINTS)
 N_TIP_NUMBERS = 12
-"""Coordinates of the commanded fingertips, which follow the joint targets in a dataset's action."""
+"""Coordinates of the fingertips, which follow the joint targets in a dataset's action."""
 
 
 class Normalizer(nn.Module):

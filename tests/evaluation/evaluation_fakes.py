@@ -90,7 +90,7 @@ class FakeController:
         assert task == "count"
         draft = np.full((len(self.seeds), 4, 3), 0.001)
         scale = {"good": 1.0, "lucky": 0.5, "still": 0.0}[self.interface]
-        self.motion = Motion(draft, scale * draft, scale * draft)
+        self.motion = Motion(draft, scale * draft)
         speeds = np.array([rng.uniform(1, 3) for rng in self.rngs])
         if self.interface == "lucky":
             speeds = np.where(np.array(self.seeds) % 2 == 1, -1.0, speeds)

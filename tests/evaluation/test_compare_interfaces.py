@@ -29,15 +29,15 @@ def script(load_script):
         (["--backbone=x", "--policies=raw=y"], "Give one of --operator, --backbone, which serves all"),
         (["--backbone=/nowhere"], "No checkpoint at /nowhere"),
         (["--operator", "--policies=raw=y"], "Give one of --operator, --backbone"),
-        (["--operator", "--methods=joint"], "one that reads drafts: raw, filter"),
+        (["--operator", "--methods=joint"], "one that reads drafts: raw, press"),
         (["--tasks=PourCup-v0,PlaceHammer-v0", "--backbone=x"], "A policy learned one task"),
         (["--conditions=removal_-1mm"], "Got -0.001"),
         (
             ["--conditions=windy"],
             "Unknown word 'windy' in the condition 'windy'. Valid, joined by `+`:",
         ),
-        (["--methods=dexgen@4"], "An interface's gain must be in (0, 1], as in dexgen@0.4. Got 'dexgen@4'"),
-        (["--methods=joint@0.5"], "Only displacements can be scaled; 'joint' executes joint targets."),
+        (["--methods=press@4"], "An interface's gain must be in (0, 1], as in press@0.4. Got 'press@4'"),
+        (["--methods=joint@0.5"], "Only drafts can be scaled; 'joint' executes joint targets."),
     ],
 )
 def test_bad_input_gets_one_clear_line(script, capsys, tmp_path, monkeypatch, arguments, message):

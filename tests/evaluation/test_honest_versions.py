@@ -50,13 +50,13 @@ def policy():
 def operator():
     from lerobot_dexflex.evaluation.teleoperators import Teleoperators
 
-    return compare(Teleoperators("PlaceHammer-v0"), "reflex", cameras=False)
+    return compare(Teleoperators("PlaceHammer-v0"), "press", cameras=False)
 
 
 def replay():
     from lerobot_dexflex.evaluation.replay import Replays
 
-    return compare(Replays(Path("datasets/place_hammer")), "filter", cameras=False)
+    return compare(Replays(Path("datasets/place_hammer")), "press", cameras=False)
 
 
 def expert():

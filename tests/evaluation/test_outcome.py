@@ -43,7 +43,7 @@ def test_what_a_task_does_not_report_stays_undefined():
 def test_intervention_is_the_mean_relative_change_of_the_draft():
     draft = np.zeros((4, 3))
     draft[0, 0] = 0.003
-    half, opposite = Motion(draft, 0.5 * draft, draft), Motion(draft, -draft, draft)
+    half, opposite = Motion(draft, 0.5 * draft), Motion(draft, -draft)
     # 0.0015 / 0.003001 and 0.006 / 0.003001
     outcome = record(info(0), info(0), motions=[half, opposite])
     assert outcome.intervention == pytest.approx((0.0015 + 0.006) / 0.003001 / 2, abs=1e-4)

@@ -1,5 +1,6 @@
 import itertools
 import json
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -14,7 +15,10 @@ from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.model import JOINTS
 from lerobot_dexflex.recording.schema import columns
 
+ROOT = Path(__file__).parents[2]
 STATE = np.full((1, 23), 0.3, np.float32)
+MEASURED = np.repeat(np.arange(3, dtype=np.float32)[:, None] / 8, 12, 1)
+"""Fingertips before each of the three steps, which have the number of the step."""
 
 
 @pytest.fixture
@@ -41,9 +45,13 @@ def dataset(tmp_path, actions):
     }
     (tmp_path / "meta/recording.json").write_text(json.dumps(record))
     (tmp_path / "meta/info.json").write_text(json.dumps(info))
-    table = {"episode_index": [0, 1, 1], "action": list(actions)}
-    pq.write_table(pa.table(table), tmp_path / "data/chunk-000/file-000.parquet")
+    write(tmp_path, actions)
     return tmp_path
+
+
+def write(root, actions):
+    table = {"episode_index": [0, 1, 1], "action": list(actions), "observation.fingertips": list(MEASURED)}
+    pq.write_table(pa.table(table), root / "data/chunk-000/file-000.parquet")
 
 
 def play(actions, interface, steps):
@@ -58,18 +66,33 @@ def test_joint_replays_the_recorded_targets_and_then_holds_the_last(actions):
     np.testing.assert_array_equal(played[3:], played[2:3].repeat(2, 0))
 
 
-def test_raw_moves_the_commanded_fingertips_onto_the_recorded_ones(actions):
-    controller, played = play(actions, "raw", 3)
-    command = controller._interface.command
-    assert command is not None
-    np.testing.assert_allclose(command[0].reshape(-1), actions[2, 23:], atol=1e-7)
-    np.testing.assert_allclose(played[:, :7], actions[:, :7], atol=1e-6)
-    reached = fingertips(torch.as_tensor(played[-1:, 7:])).reshape(-1)
-    np.testing.assert_allclose(reached, actions[2, 23:], atol=5e-4)
+def test_raw_asks_for_the_recorded_fingertips_from_wherever_the_hand_is_measured(actions):
+    controller = ReplayController(actions, "raw")
+    controller.reset([0])
+    for k, state in enumerate((STATE, STATE + 0.1, STATE - 0.05)):
+        played = controller.act({"agent_pos": state}, "task")
+        np.testing.assert_allclose(played[:, :7], actions[[k], :7], atol=1e-6)
+        here = fingertips(torch.as_tensor(state[:, 7:], dtype=torch.float64))
+        motion = controller._interface.motion
+        assert motion is not None
+        np.testing.assert_allclose((here + motion).reshape(-1), actions[k, 23:], atol=1e-7)
+
+
+def test_raw_reproduces_the_joint_targets_whose_fingertips_were_recorded():
+    """Of a real demonstration, measured joints included: what `raw` solves is what was recorded."""
+    table = pq.read_table(next((ROOT / "datasets/place_hammer").glob("data/*/*.parquet")))
+    first = table["episode_index"].to_numpy() == 0
+    recorded, states = (np.stack(table[key].to_numpy()[first]) for key in ("action", "observation.state"))
+    controller = ReplayController(recorded, "raw")
+    controller.reset([0])
+    played = np.concatenate([controller.act({"agent_pos": state[None]}, "task") for state in states])
+    off = np.abs(played - recorded[:, :23])
+    assert off[:, :7].max() < 1e-6
+    assert off[:, 7:].max() < 2e-4
 
 
 def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):
-    controller = ReplayController(actions, "raw", CommandErrors.of(jitter=0.004))
+    controller = ReplayController(actions, "raw", CommandErrors.of(noise=0.004))
     controller.reset([3])
     drafts = []
     raw = controller._interface.inner
@@ -79,12 +102,11 @@ def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):
         controller.act({"agent_pos": STATE}, "task")
     assert drafts[0].shape == (1, 8, 4, 3)
     for first, second in itertools.pairwise(drafts):  # What was planned is what comes.
-        torch.testing.assert_close(first[:, 2:], second[:, 1:-1], atol=1e-12, rtol=0)
-    rng = np.random.default_rng(3)
-    errors = [rng.uniform(-0.004, 0.004, (4, 3)) for _ in range(5)]
-    command = controller._interface.command
-    assert command is not None
-    np.testing.assert_allclose(command[0].numpy() - actions[2, 23:].reshape(4, 3), errors[4], atol=1e-7)
+        torch.testing.assert_close(first[:, 1:], second[:, :-1], atol=1e-12, rtol=0)
+    here = fingertips(torch.as_tensor(STATE[:, 7:], dtype=torch.float64))
+    errors = (here + drafts[4])[0, 1:].flatten(1) - torch.from_numpy(actions[2, 23:])
+    assert 0.003 < errors.abs().max() < 0.004 + 1e-6  # Of steps that all lead to the last fingertips.
+    assert torch.diff(errors, dim=0).abs().amax(1).min() > 1e-4
 
 
 def test_a_controller_replays_with_touch(actions):
@@ -109,6 +131,16 @@ def test_episodes_are_read_with_their_seeds_and_the_experts_record(dataset, acti
     np.testing.assert_array_equal(demonstrations.actions[1], actions[1:])
 
 
+def test_measured_fingertips_are_those_of_the_next_step_and_the_last_step_repeats_its_own(dataset, actions):
+    demonstrations = load_demonstrations(dataset)
+    measured, commanded = demonstrations.played("measured"), demonstrations.played("commanded")
+    np.testing.assert_array_equal(measured[4][:, 23:], MEASURED[:1])
+    np.testing.assert_array_equal(measured[7][:, 23:], MEASURED[[2, 2]])
+    np.testing.assert_array_equal(commanded[7], actions[1:])
+    for seed, rows in ((4, actions[:1]), (7, actions[1:])):
+        np.testing.assert_array_equal(measured[seed][:, :23], rows[:, :23])
+
+
 def test_a_folder_without_a_recording_is_refused(tmp_path):
     with pytest.raises(DexFlexError, match=r"no dataset of dexflex-record: .*recording.json not found"):
         load_demonstrations(tmp_path)
@@ -121,24 +153,6 @@ def test_a_dataset_of_another_rate_is_refused(dataset):
         load_demonstrations(dataset)
 
 
-def test_noise_shakes_the_commanded_fingertips_within_its_width_and_repeats_by_seed(actions):
-    def commands(seed):
-        controller = ReplayController(actions, "raw", CommandErrors.of(jitter=0.004))
-        controller.reset([seed])
-        played = []
-        for _ in range(3):
-            controller.act({"agent_pos": STATE}, "task")
-            command = controller._interface.command
-            assert command is not None
-            played.append(command[0].reshape(-1).numpy())
-        return np.array(played)
-
-    error = commands(0) - actions[:, 23:]
-    assert 0.002 < np.abs(error).max() <= 0.004 + 1e-6
-    np.testing.assert_array_equal(commands(0), commands(0))
-    assert not np.array_equal(commands(0), commands(1))
-
-
 def test_replays_are_players_of_the_recorded_seeds(dataset, actions):
     players = Replays(dataset)
     players.check(["raw", "joint"])
@@ -149,10 +163,38 @@ def test_replays_are_players_of_the_recorded_seeds(dataset, actions):
     np.testing.assert_allclose(player.act({"agent_pos": STATE}, "task")[0], actions[0, :23], atol=1e-6)
 
 
+def test_fingertips_that_no_recording_holds_are_refused(dataset):
+    with pytest.raises(DexFlexError, match=r"`draft` must be measured or commanded\. Got 'felt'"):
+        Replays(dataset, "felt")
+
+
+def test_the_script_names_rows_by_their_draft(dataset, load_script, monkeypatch, tmp_path):
+    from lerobot_dexflex.evaluation import comparison
+
+    ran = []
+    monkeypatch.setattr(comparison, "compare", lambda made, workers: ran.append(made) or _Stop.here())
+    script = load_script("replay_dataset")
+    for draft in ("measured", "commanded"):
+        with pytest.raises(_Stop):
+            script.main([f"--root={dataset}", f"--draft={draft}", f"--output={tmp_path / 'out'}"])
+    assert [made.named("raw") for made in ran] == ["replay_measured/raw", "replay_commanded/raw"]
+    assert script.main([f"--root={dataset}", "--draft=felt"]) == 1
+
+
+class _Stop(Exception):  # noqa: N818
+    """Ends a script where its episodes would begin."""
+
+    @classmethod
+    def here(cls):
+        raise cls
+
+
 def test_the_recorded_actions_decide_the_version(dataset, actions):
     before = Replays(dataset).version("raw", "PlaceHammer-v0")
     assert Replays(dataset).version("raw", "PlaceHammer-v0") == before
     assert Replays(dataset).version("joint", "PlaceHammer-v0").name != before.name
-    table = {"episode_index": [0, 1, 1], "action": list(actions + np.float32(0.001))}
-    pq.write_table(pa.table(table), dataset / "data/chunk-000/file-000.parquet")
+    commanded = Replays(dataset, "commanded").version("raw", "PlaceHammer-v0")
+    assert (commanded.code, commanded.weights) == (before.code, before.weights)
+    assert commanded.name != before.name
+    write(dataset, actions + np.float32(0.001))
     assert Replays(dataset).version("raw", "PlaceHammer-v0").name != before.name

@@ -57,9 +57,9 @@ def test_a_teleoperator_without_a_glove_solves_its_task_and_its_motion_is_told()
     assert recorder.outcome("raw", 7).intervention == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.parametrize("interface", ["raw", "filter"])
+@pytest.mark.parametrize("interface", ["raw", "press"])
 def test_rows_have_their_own_glove_and_interface(interface):
-    controller = Teleoperators(TASK)(interface, CommandErrors.of(jitter=0.004))
+    controller = Teleoperators(TASK)(interface, CommandErrors.of(noise=0.004))
     envs = environments(2)
     both = act(controller, envs, [7, 8], 6)
     alone = [act(controller, [env], [seed], 6)[:, 0] for env, seed in zip(envs, (7, 8), strict=True)]
@@ -73,7 +73,7 @@ def test_the_glove_shakes_the_hand_by_its_noise_and_not_the_arm():
     envs = environments(1)
     steady, shaken = (
         act(Teleoperators(TASK)("raw", errors), envs, [7], 12)[:, 0]
-        for errors in (NO_ERRORS, CommandErrors.of(jitter=0.004))
+        for errors in (NO_ERRORS, CommandErrors.of(noise=0.004))
     )
     # The arm follows the expert, which sees the shaken hand's object only after the grasp.
     np.testing.assert_allclose(shaken[:, :7], steady[:, :7], atol=1e-9)
@@ -107,7 +107,7 @@ def test_what_cannot_run_is_refused_early(controller_folder, tmp_path):
 def test_a_version_holds_expert_interface_and_controller(controller_folder):
     raw = Teleoperators(TASK).version("raw", TASK)
     assert raw == Teleoperators(TASK, str(controller_folder)).version("raw", TASK)
-    assert raw.code != Teleoperators(TASK).version("shrink", TASK).code
+    assert raw.code != Teleoperators(TASK).version("press", TASK).code
     assert raw.code != Teleoperators("PourCup-v0").version("raw", "PourCup-v0").code
     shipped, other = (Teleoperators(TASK, c).version("dexflex", TASK) for c in ("", str(controller_folder)))
     assert shipped.code == other.code

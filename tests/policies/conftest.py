@@ -35,10 +35,13 @@ def samples(synthetic_dataset):
     """Return a batch of 16 samples as a training sees them, spread over the episodes."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
+    from lerobot_policy_dexflex.measured_tips import add_measured_tips
+
     windows = {"action": [k / 20 for k in range(16)]}
     dataset = LeRobotDataset(
         "lerobot-dexflex/synthetic", root=synthetic_dataset, delta_timestamps=windows, video_backend="pyav"
     )
+    add_measured_tips(dataset.meta)
     rows = range(0, len(dataset), len(dataset) // 16)
     return torch.utils.data.default_collate([dataset[row] for row in list(rows)[:16]])
 
@@ -47,4 +50,5 @@ def samples(synthetic_dataset):
 def observation(samples):
     """Return the observations of four samples of three episodes, without actions."""
     rows = [0, 4, 8, 14]
-    return {key: value[rows] for key, value in samples.items() if key.startswith("observation.")}
+    keys = [key for key in samples if key.startswith("observation.") and "next" not in key]
+    return {key: samples[key][rows] for key in keys}

@@ -58,10 +58,10 @@ def runs(synthetic_dataset, tmp_path_factory):
     resume = run(
         "lerobot-train", f"--config_path={checkpoint / 'train_config.json'}", "--resume=true", "--steps=6"
     )
-    filtered = run(
+    pressed = run(
         "lerobot-eval",
         f"--policy.path={checkpoint}",
-        "--policy.interface=filter",
+        "--policy.interface=press:2",
         f"--output_dir={folder / 'eval'}",
         *ENV_EVAL,
     )
@@ -71,7 +71,7 @@ def runs(synthetic_dataset, tmp_path_factory):
         first=first,
         resume=resume,
         checkpoint=checkpoint,
-        filtered=filtered,
+        pressed=pressed,
         refused=refused,
         folder=folder,
     )
@@ -89,9 +89,10 @@ def test_training_serves_the_dataset_from_memory(runs):
     assert "is not cached" not in output_of(runs.train)
 
 
-def test_the_checkpoint_remembers_its_action_space(runs):
+def test_the_checkpoint_remembers_its_action_space_and_draft(runs):
     config = json.loads((runs.checkpoint / "config.json").read_text())
     assert (config["type"], config["action_space"], config["interface"]) == ("dexflex_flow", "draft", "raw")
+    assert config["draft"] == "measured"
 
 
 def test_a_resumed_training_goes_on_from_weights_average_and_step(runs):
@@ -103,7 +104,7 @@ def test_a_resumed_training_goes_on_from_weights_average_and_step(runs):
 
 
 def test_evaluation_writes_lerobots_report_under_a_switched_interface(runs):
-    output_of(runs.filtered)
+    output_of(runs.pressed)
     report = json.loads((runs.folder / "eval/eval_info.json").read_text())
     assert report["overall"]["n_episodes"] == 2
     assert 0 <= report["overall"]["pc_success"] <= 100
@@ -113,7 +114,7 @@ def test_an_interface_of_another_action_space_ends_in_one_clear_message(runs):
     assert runs.refused.returncode != 0
     last = runs.refused.stderr.strip().splitlines()[-1]
     assert "executes the action space 'joint', but this checkpoint learned 'draft'" in last
-    assert "--policy.interface=raw|filter" in last
+    assert "--policy.interface=raw|press" in last
 
 
 @pytest.mark.parametrize("name", ["place_hammer_joint", "place_hammer_draft"])

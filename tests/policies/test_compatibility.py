@@ -69,9 +69,10 @@ def test_an_environment_without_touch_is_refused(tiny):
     [
         (
             {"interface": "psychic"},
-            r"Unknown interface 'psychic' in 'psychic'\. Valid: joint, raw, filter",
+            r"Unknown interface 'psychic' in 'psychic'\. Valid: joint, raw, press",
         ),
         ({"action_space": "torque"}, r"`action_space` must be one of joint, draft.*Got 'torque'"),
+        ({"draft": "felt"}, r"`draft` must be measured or commanded, or empty. Got 'felt'"),
         ({"n_action_steps": 17}, r"between 1 and `chunk_size` \(16\)\. Got 17"),
         ({"chunk_size": 15}, r"`chunk_size` must be even. Got 15"),
         ({"dim": 33}, r"multiple of `n_heads`"),

@@ -6,12 +6,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import torch
+from draccus.utils import ParsingError
 from lerobot.configs import FeatureType, PolicyFeature
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.policies import AdaptedPolicies
 from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.interfaces import commanded_hand
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def adapter(backbone):
     return build
 
 
-@pytest.mark.parametrize("interface", ["joint", "raw", "filter", "dexgen", "dexflex"])
+@pytest.mark.parametrize("interface", ["joint", "raw", "press", "dexgen", "dexflex"])
 def test_one_checkpoint_serves_every_interface(adapter, observation, interface):
     policy = adapter(interface=interface)
     before = {key: value.clone() for key, value in policy.state_dict().items()}
@@ -103,6 +103,14 @@ def test_what_cannot_be_a_backbone_is_refused(adapter, settings, message):
         adapter(**settings)
 
 
+def test_the_draft_says_what_the_backbone_learned_and_changes_no_action(adapter, observation):
+    commanded, measured = adapter(interface="raw"), adapter(interface="raw", draft="measured")
+    assert (commanded.config.draft, measured.config.draft) == ("commanded", "measured")
+    assert torch.equal(commanded.select_action(observation), measured.select_action(observation))
+    with pytest.raises(ParsingError, match=r"`draft` must be measured or commanded\. Got 'felt'"):
+        adapter(interface="raw", draft="felt")
+
+
 def test_it_refuses_to_be_trained(adapter):
     with pytest.raises(DexFlexError, match="Train its backbone"):
         adapter().config.get_optimizer_preset()
@@ -113,14 +121,13 @@ def test_a_training_step_says_that_the_backbone_is_trained(adapter, observation)
         adapter().forward(observation)
 
 
-def test_comparisons_load_it_by_its_backbone_alone(backbone, monkeypatch):
-    monkeypatch.setattr(commanded_hand, "RUNAWAY", 10.0)  # The untrained plan is out of reach.
+def test_comparisons_load_it_by_its_backbone_alone(backbone):
     policies = AdaptedPolicies(backbone)
-    policies.check(["raw", "dexflex"])
-    raw, ours = (policies.version(name, "PourCup-v0") for name in ("raw", "dexflex"))
-    assert raw.weights != ours.weights
+    policies.check(["raw", "press"])
+    raw, ours = (policies.version(name, "PourCup-v0") for name in ("raw", "press"))
+    assert raw.weights == ours.weights
     assert raw.code != ours.code
-    controller = policies("hold")
+    controller = policies("raw@0.25")
     images = np.random.default_rng(0).integers(0, 255, (2, 1, 96, 96, 3), np.uint8)
     seen = {
         "pixels": {"front": images[0], "wrist": images[1]},
@@ -133,7 +140,7 @@ def test_comparisons_load_it_by_its_backbone_alone(backbone, monkeypatch):
     first = controller.act(seen, "task")
     assert first.shape == (1, 23)
     assert controller.motion is not None
-    assert controller.motion.row(0).magnitude() == pytest.approx(1, abs=1e-3)
+    assert controller.motion.row(0).magnitude() == pytest.approx(0.75, abs=1e-3)
     controller.reset([5])
     np.testing.assert_array_equal(controller.act(seen, "task"), first)
 

@@ -1,3 +1,4 @@
+import json
 import re
 
 import numpy as np
@@ -7,8 +8,8 @@ from safetensors.torch import load_file, save_file
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.interfaces import commanded_hand
-from lerobot_dexflex.interfaces.filter import CLIP
+from lerobot_dexflex.interfaces.commanded_hand import LARGEST_STEP
+from lerobot_policy_dexflex.measured_tips import NEXT_TIPS, learned_action
 
 
 def noise(policy, rows=4, seed=0):
@@ -68,7 +69,8 @@ def test_an_untrained_policy_predicts_the_mean_action_because_its_last_step_land
 def test_fitted_chunks_lie_close_to_the_demonstrated_ones(trained, samples, interface):
     policy, _ = trained[interface]
     predicted = policy.predict_action_chunk(samples, noise(policy, 16))
-    target = samples["action"][..., policy.normalization.columns]
+    action = learned_action(samples) if interface == "raw" else samples["action"]
+    target = action[..., policy.normalization.columns]
     valid = ~samples["action_is_pad"]
     error = (predicted - target).abs()[valid] / policy.normalization.action.std
     assert error.mean() < 0.35  # An ignorant prediction, the mean, is off by about 0.8 standard deviations.
@@ -77,7 +79,10 @@ def test_fitted_chunks_lie_close_to_the_demonstrated_ones(trained, samples, inte
 def test_the_draft_checkpoint_learns_arm_joints_and_fingertips_the_other_all_joints(trained):
     assert trained["joint"][0].normalization.columns == list(range(23))
     assert trained["raw"][0].normalization.columns == [*range(7), *range(23, 35)]
-    assert trained["raw"][0].config.action_space == "draft"
+    assert [(p.config.action_space, p.config.draft) for p, _ in trained.values()] == [
+        ("joint", ""),
+        ("draft", "measured"),
+    ]
 
 
 def test_select_action_returns_joint_targets_and_executes_each_chunk_eight_times(trained, observation):
@@ -90,9 +95,9 @@ def test_select_action_returns_joint_targets_and_executes_each_chunk_eight_times
     assert torch.equal(replanned, policy.predict_action_chunk(observation, noise(policy, seed=1))[:, 0])
 
 
-def test_raw_execution_commands_exactly_the_planned_fingertips(trained, observation, monkeypatch):
-    monkeypatch.setattr(commanded_hand, "RUNAWAY", 10.0)  # What little training plans is out of reach.
+def test_raw_execution_asks_for_exactly_the_planned_fingertips_from_the_measured_ones(trained, observation):
     policy, _ = trained["raw"]
+    measured = fingertips(observation["observation.state"][:, 7:].double())
     policy.reset()
     chunk = policy.predict_action_chunk(observation, noise(policy))
     for k in range(8):
@@ -100,7 +105,8 @@ def test_raw_execution_commands_exactly_the_planned_fingertips(trained, observat
         assert targets.shape == (4, 23)
         assert torch.equal(targets[:, :7], chunk[:, k, :7])
         planned = chunk[:, k, 7:].double().view(4, 4, 3)
-        torch.testing.assert_close(policy.execution.interface.command, planned, rtol=0, atol=1e-9)
+        motion = policy.execution.interface.motion
+        torch.testing.assert_close(measured + motion, planned, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("interface", ["joint", "raw"])
@@ -136,15 +142,46 @@ def test_the_interface_is_switched_at_evaluation_within_its_action_space(trained
 
     policy, _ = trained["raw"]
     policy.save_pretrained(tmp_path)
-    switched = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=filter"])
-    assert type(policy).from_pretrained(tmp_path, config=switched).execution.interface.name == "filter"
+    switched = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=press:2"])
+    assert type(policy).from_pretrained(tmp_path, config=switched).execution.interface.name == "press:2"
     refused = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=joint"])
     with pytest.raises(DexFlexError) as error:
         type(policy).from_pretrained(tmp_path, config=refused)
     choices = re.search(r"learned 'draft'\. Choose --policy\.interface=(\S+), or load", str(error.value))
     assert choices is not None
-    assert {"raw", "filter", "dexflex"} <= set(choices[1].split("|"))
+    assert {"raw", "press", "dexflex"} <= set(choices[1].split("|"))
     assert "joint" not in choices[1].split("|")
+
+
+def test_a_checkpoint_of_drafts_from_before_the_choice_is_refused_until_it_tells_its_draft(trained, tmp_path):
+    from lerobot.configs import PreTrainedConfig
+
+    policy, _ = trained["raw"]
+    policy.save_pretrained(tmp_path)
+    file = tmp_path / "config.json"
+    settings = json.loads(file.read_text())
+    assert settings["draft"] == "measured"
+    file.write_text(json.dumps({key: value for key, value in settings.items() if key != "draft"}))
+    with pytest.raises(DexFlexError, match=r"from before .*config.json, or add --policy.draft=commanded"):
+        type(policy).from_pretrained(tmp_path)
+    told = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--draft=commanded"])
+    assert type(policy).from_pretrained(tmp_path, config=told).config.draft == "commanded"
+    file.write_text(json.dumps(settings | {"draft": "commanded"}))
+    assert type(policy).from_pretrained(tmp_path).config.draft == "commanded"
+
+
+def test_a_policy_of_joint_targets_refuses_to_choose_fingertips(build):
+    with pytest.raises(
+        DexFlexError, match=r"'joint' learns joint targets. Leave out --policy.draft=measured"
+    ):
+        build(interface="joint", draft="measured")
+
+
+def test_commanded_fingertips_are_learned_from_the_dataset_as_it_is(build, samples):
+    policy = build(interface="raw", draft="commanded")
+    assert torch.isfinite(policy.forward({k: v for k, v in samples.items() if k != NEXT_TIPS})[0])
+    with pytest.raises(DexFlexError, match=r"lacks 'observation.next_fingertips'"):
+        build(interface="raw").forward({k: v for k, v in samples.items() if k != NEXT_TIPS})
 
 
 def test_evaluation_uses_the_running_average_and_training_the_weights(build, samples, observation):
@@ -197,11 +234,11 @@ def test_the_policy_never_sees_the_previous_command(build, observation):
 
 
 def test_the_first_command_of_an_episode_starts_at_the_measured_hand(build, observation):
-    policy = build(interface="filter").eval()
-    targets = policy.select_action(observation, noise(policy))
-    measured = fingertips(observation["observation.state"][:, -16:].double())
-    assert (policy.execution.interface.command - measured).abs().max() <= CLIP + 1e-12
-    assert (targets[:, 7:] - observation["observation.state"][:, 7:]).abs().max() < 0.4
+    policy = build(interface="raw").eval()
+    far = {**observation, "observation.state": observation["observation.state"] + 0.8}
+    targets = policy.select_action(far, noise(policy))
+    change = (targets - far["observation.state"])[:, 7:].abs().max()
+    assert change == pytest.approx(LARGEST_STEP, abs=1e-6)
 
 
 def test_statistics_of_the_dataset_are_kept_and_fingertips_share_one_scale(build):
@@ -220,7 +257,7 @@ def test_noise_of_another_shape_is_refused(build, observation):
         policy.predict_action_chunk(observation, torch.zeros(4, 23))
 
 
-@pytest.mark.parametrize("interface", ["joint", "raw", "filter", "dexflex"])
+@pytest.mark.parametrize("interface", ["joint", "raw", "press", "dexflex"])
 def test_mixed_precision_is_for_the_plan_alone(build, controller_folder, observation, interface):
     policy = build(interface=interface, controller=str(controller_folder)).eval()
     with torch.autocast("cpu"):

@@ -1,11 +1,19 @@
+"""What a chunk becomes at each of its steps: targets ahead, or offsets from measured fingertips."""
+
+from collections.abc import Mapping
+
 import pytest
 import torch
+from torch import Tensor
 
-from lerobot_policy_dexflex.drafts import displacement_draft, joint_draft
+from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.interfaces.raw import RawInterface
+from lerobot_policy_dexflex.chunk_execution import ChunkExecution
+from lerobot_policy_dexflex.drafts import joint_draft, tip_draft
 
 
 def plan(positions):
-    """Planned fingertips (1, chunk, 4, 3) that move along x only, in metres."""
+    """Planned fingertips (1, chunk, 4, 3), the same number in all coordinates [m]."""
     return torch.tensor(positions, dtype=torch.float64).view(1, -1, 1, 1) * torch.ones(4, 3)
 
 
@@ -15,25 +23,50 @@ def test_a_joint_draft_looks_ahead_and_repeats_the_last_target():
     assert joint_draft(chunk, 3, 4).flatten().tolist() == [3, 4, 4, 4]
 
 
-def test_displacements_are_differences_of_the_plan_and_end_in_rest():
-    planned, command = plan([1.0, 3.0, 6.0]), torch.ones(1, 4, 3, dtype=torch.float64)
-    draft = displacement_draft(planned, 1, 4, command, planned[:, 0], 1.0)
-    assert draft[0, :, 0, 0].tolist() == [2, 3, 0, 0]
+def test_a_tip_draft_leads_from_the_measured_fingertips_to_every_next_target():
+    tips = torch.full((1, 4, 3), 0.25, dtype=torch.float64)
+    draft = tip_draft(plan([1.0, 3.0, 6.0]), 1, 4, tips)
+    assert draft.shape == (1, 4, 4, 3)
+    assert draft[0, :, 0, 0].tolist() == [2.75, 5.75, 5.75, 5.75]
 
 
-def test_with_gain_one_the_first_displacement_reaches_the_plan_from_wherever_the_command_is():
-    planned, command = plan([1.0, 2.0, 3.0]), torch.full((1, 4, 3), 0.25, dtype=torch.float64)
-    draft = displacement_draft(planned, 1, 2, command, planned[:, 0], 1.0)
-    assert draft[0, :, 0, 0].tolist() == [1.75, 1]
+START = torch.full((1, 23), 0.5)
+PLANNED = fingertips(0.5 + 0.01 * torch.arange(1, 11, dtype=torch.float64)[:, None].expand(-1, 16))[None]
 
 
-def test_a_smaller_gain_makes_up_that_part_of_the_lag_in_every_step():
-    planned, command = plan([1.0, 1.0, 1.0, 1.0]), torch.zeros(1, 4, 3, dtype=torch.float64)
-    draft = displacement_draft(planned, 1, 3, command, planned[:, 0], 0.5)
-    assert draft[0, :, 0, 0].tolist() == [0.5, 0.25, 0.125]
+class Recorder(RawInterface):
+    """Keeps the drafts that `raw` gets."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.drafts: list[Tensor] = []
+
+    def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
+        self.drafts.append(draft)
+        return super().step(observation, draft)
 
 
-@pytest.mark.parametrize("gain", [0.3, 1.0])
-def test_an_episode_begins_at_the_command_so_there_is_no_lag(gain):
-    planned, command = plan([1.0, 2.0]), torch.zeros(1, 4, 3, dtype=torch.float64)
-    assert displacement_draft(planned, 0, 2, command, None, gain)[0, :, 0, 0].tolist() == [1, 1]
+@pytest.fixture
+def execution():
+    """A plan of ten steps, in which every joint moves by 0.01 rad, in execution."""
+    made = ChunkExecution(Recorder(), n_arm=7, n_steps=8)
+    made.begin(torch.cat([torch.zeros(1, 10, 7), PLANNED.float().flatten(2)], -1))
+    return made
+
+
+def test_every_draft_of_a_plan_is_relative_to_the_hand_as_it_is_measured_then(execution):
+    # The hand goes its own way: neither what was planned nor what was commanded before is where it is.
+    for k, joints in enumerate((0.5, 0.45, 0.7)):
+        state = torch.full((1, 23), joints)
+        execution.step({"observation.state": state})
+        draft = execution.interface.drafts[-1]
+        assert draft.dtype == torch.float64
+        here = fingertips(state[:, 7:].double())[:, None]
+        torch.testing.assert_close(here + draft, PLANNED[:, k : k + 8], rtol=0, atol=1e-8)
+
+
+def test_raw_reaches_the_plan_from_wherever_the_hand_is_measured(execution):
+    for k in range(3):
+        targets = execution.step({"observation.state": START + 0.02 * k})
+        reached = fingertips(targets[:, 7:].double())
+        torch.testing.assert_close(reached, PLANNED[:, k], rtol=0, atol=5e-4)  # What the IK misses.

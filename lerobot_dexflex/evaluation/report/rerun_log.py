@@ -1,4 +1,4 @@
-"""Log an episode as a rerun recording: images, taxels, drafts against executed fingertips, success."""
+"""Log an episode as a rerun recording: images, taxels, drafts against selected motions, success."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,12 +6,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.hand.leap import FINGERS
 from lerobot_dexflex.hand.touch import touch_strip
 
-_DRAFT, _EXECUTED, _MEASURED = (235, 150, 50), (70, 140, 240), (150, 150, 150)
+_DRAFT, _SELECTED, _MEASURED = (235, 150, 50), (70, 140, 240), (150, 150, 150)
 
 
 class RerunLog:
@@ -30,6 +31,7 @@ class RerunLog:
         self._rr, self._root, self._step = rr, interface, 0
         self._stream = rr.RecordingStream("lerobot_dexflex", recording_id=f"episode-{episode:04d}")
         self._stream.save(path)
+        self._tips: NDArray[np.floating] = np.zeros((4, 3))
 
     def watch(
         self, env: gymnasium.Env, observation: Any, info: dict[str, Any], motion: Motion | None
@@ -45,10 +47,10 @@ class RerunLog:
             self._log(f"touch_force/{finger}", rr.Scalars(force))
         self._log("progress", rr.Scalars(float(info["progress"])))
         self._log("success", rr.Scalars(float(info["is_success"])))
-        measured = np.asarray(observation["fingertips"]).reshape(4, 3)
-        self._log("palm/measured", rr.Points3D(measured, colors=_MEASURED, radii=0.004))
         if motion is not None:
             self._log_motion(motion)
+        self._tips = np.asarray(observation["fingertips"]).reshape(4, 3)
+        self._log("palm/measured", rr.Points3D(self._tips, colors=_MEASURED, radii=0.004))
         self._step += 1
 
     def scalars(self, values: Mapping[str, float]) -> None:
@@ -63,13 +65,13 @@ class RerunLog:
         self._stream.disconnect()
 
     def _log_motion(self, motion: Motion) -> None:
-        rr, before = self._rr, motion.command - motion.executed
-        self._log("palm/command", rr.Points3D(motion.command, colors=_EXECUTED, radii=0.003))
+        rr = self._rr
         for name, vectors, colour in (
             ("draft", motion.draft, _DRAFT),
-            ("executed", motion.executed, _EXECUTED),
+            ("selected", motion.selected, _SELECTED),
         ):
-            arrows = rr.Arrows3D(origins=before, vectors=10 * vectors, colors=colour, radii=0.001)
+            # Both lead from where the fingertips were measured before the step.
+            arrows = rr.Arrows3D(origins=self._tips, vectors=10 * vectors, colors=colour, radii=0.001)
             self._log(f"palm/{name}", arrows)
         self._log("intervention", rr.Scalars(motion.magnitude()))
 

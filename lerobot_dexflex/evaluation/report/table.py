@@ -27,7 +27,7 @@ _PAIR_HEADER = ("pair", "episodes", "only first", "only second", "McNemar p", "p
 _GROWN_HEADER = ("E", "1/E (Holm)")
 MEANINGS = (
     "Success with Wilson 95 % intervals. Progress is each episode's largest, drops per episode, holding the "
-    "share of time with the object in hand, intervention the mean ||executed - draft|| / ||draft||; means "
+    "share of time with the object in hand, intervention the mean ||selected - draft|| / ||draft||; means "
     "with bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over "
     "all pairs of the table; progress gain: second - first. E, where episodes come from more than one "
     "command: its inverse is a p-value also if some were added after a look."
