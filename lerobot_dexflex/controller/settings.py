@@ -1,51 +1,11 @@
 """How candidates are proposed and chosen at run time; also the switches of the ablations."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 
 from lerobot_dexflex.errors import DexFlexError
 
 SEEDS = ("draft", "mean")
 """Named starts of the draft-seeded branch; a number is the draft scaled by it."""
-
-
-@dataclass(frozen=True)
-class ProjectionSettings:
-    """Gains and limits of the contact projection, found on training objects (log in `eval/README.md`).
-
-    Raises:
-        DexFlexError: If a value is negative or no number.
-    """
-
-    gain: float = 0.6
-    """Share of the draft that loaded fingers execute."""
-    free_gain: float = 0.3
-    """Share of the draft that free fingers execute, and all while fewer than three carry load."""
-    internal_gain: float = 0.2
-    """Share of what loaded fingers do against each other, along their surfaces, that passes."""
-    planned_gain: float = 1.0
-    """The same where the draft is a plan: its steps differ. What a plan asks and does not get, it asks again
-    in the next step: damping would only make it late."""
-    closing_gain: float = 1.0
-    """Share of what they do against each other, into the object, that passes."""
-    opening_load: float = 1.0
-    """Out of the object the same share passes, but only of a finger with more than this load [N]. If nothing
-    passed, every inward error of a plan would stay in the grasp, until the fingers no longer are where it
-    takes them to be."""
-    speed: float = 1e-3
-    """Largest displacement of a fingertip before the squeeze is added [m] per step."""
-    squeeze_gain: float = 7e-5
-    """Inward displacement per missing newton and step [m/N]."""
-    preload: float = 4.0
-    """Normal force that the squeeze servo aims at [N]. From 2 to 4 N Reach's light objects fare alike; tools
-    need more."""
-    return_speed: float = 1.2e-3
-    """Inward displacement of a finger that lost the object up to 3 steps ago [m] per step."""
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if not value >= 0:
-                raise DexFlexError(f"`{each.name}` must be 0 or more. Got {value}.")
 
 
 @dataclass(frozen=True)
@@ -64,7 +24,6 @@ class SelectionSettings:
     """Whether the exact draft is a candidate, so that doing nothing can be chosen."""
     project: bool = True
     """Whether the contact projection of the draft is a candidate, and what draft-seeded ones start from."""
-    projection: ProjectionSettings = field(default_factory=ProjectionSettings)
     contact_bias: float = 12.0
     """Added to the score of the contact projection: how much better another candidate must look."""
     levels: tuple[float, ...] = (0.5, 0.75)

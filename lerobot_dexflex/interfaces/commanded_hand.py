@@ -1,7 +1,8 @@
 """What all interfaces share: where the hand is, what it was last told to do, and how it is moved."""
 
+import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import torch
@@ -146,6 +147,22 @@ class CommandedInterface(ABC):
         joints = self._hand.execute(joints, posture)
         self._motion = motion
         return joints
+
+    @contextlib.contextmanager
+    def all_or_nothing(self, *parts: object) -> Iterator[None]:
+        """Forget a step that fails: neither the interface nor its parts remember anything of it.
+
+        Memories are tensors that are replaced and never written in place, so it is enough to keep references.
+        """
+        whole = (self, self._hand, *parts)
+        before = [dict(vars(part)) for part in whole]
+        try:
+            yield
+        except BaseException:
+            for part, memory in zip(whole, before, strict=True):
+                vars(part).clear()
+                vars(part).update(memory)
+            raise
 
     @abstractmethod
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:

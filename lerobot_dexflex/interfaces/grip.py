@@ -106,5 +106,9 @@ class Grip:
 
 
 def loads_of(tactile: Tensor) -> Tensor:
-    """Return the normal force of each fingertip [N], (batch, 4), of taxels (batch, 240) or (batch, 4, ...)."""
-    return tactile.reshape(len(tactile), 4, -1).sum(-1)
+    """Return the normal force of each fingertip [N], (batch, 4), of taxels (batch, 240) or (batch, 4, ...).
+
+    It is NaN where a taxel reports no finite number.
+    """
+    loads = tactile.reshape(len(tactile), 4, -1).sum(-1)
+    return loads.masked_fill(~loads.isfinite(), torch.nan)

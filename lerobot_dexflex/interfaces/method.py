@@ -164,9 +164,7 @@ def _options(base: str, entry: InterfaceEntry, text: str, name: str) -> Options:
 
 def _gain(base: str, entry: InterfaceEntry, text: str, name: str) -> float:
     if entry.command_space != "draft":
-        raise DexFlexError(
-            f"Only drafts can be scaled; {base!r} executes joint targets. Got {name!r}."
-        )
+        raise DexFlexError(f"Only drafts can be scaled; {base!r} executes joint targets. Got {name!r}.")
     try:
         gain = float(text)
     except ValueError:
