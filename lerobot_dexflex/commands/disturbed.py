@@ -103,4 +103,3 @@ class DisturbedInterface(WrappedInterface):
         if TACTILE not in observation:
             raise DexFlexError(f"{self.errors.name!r} needs touch: the observation lacks {TACTILE}.")
         return observation[TACTILE].double().unflatten(1, (4, -1)).sum(-1), pads(joints)[1]
-

@@ -11,7 +11,6 @@ from lerobot_dexflex.interfaces.options import written
 from lerobot_dexflex.interfaces.protocol import CommandSpace, Interface
 from lerobot_dexflex.interfaces.registry import INTERFACES, InterfaceEntry
 
-
 Options = tuple[tuple[str, Any], ...]
 
 
@@ -20,8 +19,8 @@ class Method:
     """An interface as it is named everywhere: `base[-ablation][:options][@gain]`.
 
     Options are `key=value` words joined by `+`; an interface's main option needs no key, several values are
-    joined by `/`. A gain scales the motion that the interface asks of the hand, not its grip. Examples: `raw`,
-    `press:2.5+blocked=True`, `dexflex-notouch@0.7`, `dexflex:nfe=2+levels=0.5/0.75`, `oracle:clean+moving=2`.
+    joined by `/`. A gain scales the motion that the interface asks of the hand, not its grip. Examples:
+    `raw`, `press:2.5+blocked=True`, `dexflex-notouch@0.7`, `dexflex:nfe=2+levels=0.5/0.75`.
     """
 
     base: str
