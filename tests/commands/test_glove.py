@@ -81,4 +81,4 @@ def test_events_of_the_glove_are_told():
     joints = np.full(23, 0.6)
     for _ in range(30):
         hand.move(OBSERVATION, Command(joints, TIPS, joints))
-    assert [(event.family, event.end - event.onset) for event in hand.events][0] == ("freeze", 5)
+    assert next((event.family, event.end - event.onset) for event in hand.events) == ("freeze", 5)
