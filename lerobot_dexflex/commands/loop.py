@@ -1,9 +1,9 @@
 """The closed loop: operator, spoilt draft, interface, hand; batched over chains of goals.
 
 Each slot of a batch runs one chain; when it ends the next chain takes its place, so learned interfaces
-always see full batches. At every step the operator looks at the state that was actually reached and says where
-the fingertips should be over the next steps; errors spoil that draft, the method executes its first step, and
-what the method changes, the operator notices.
+always see full batches. At every step the operator looks at the state that was actually reached and says
+where the fingertips should be over the next steps; errors spoil that draft, the method executes its first
+step, and what the method changes, the operator notices.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,8 +29,8 @@ from lerobot_dexflex.interfaces.protocol import Interface
 
 Array = NDArray[np.float64]
 Source = Literal["motion", "pressing"]
-"""What a draft says. `motion`: where the fingertips should be. `pressing`: it commands into the object, by 0.5
-to 2 times (drawn per episode) what a position servo needs for the operator's grip."""
+"""What a draft says. `motion`: where the fingertips should be. `pressing`: it commands into the object, by
+0.5 to 2 times (drawn per episode) what a position servo needs for the operator's grip."""
 
 GOAL_STEPS = 60
 """After so many steps the next goal is set, with partial credit for this one."""

@@ -33,9 +33,9 @@ class Measured(NamedTuple):
 class CommandedHand:
     """The previous command, row by row; the last thing below every interface.
 
-    No joint target moves faster than the servo can follow, so a jump of an encoder or of a draft never becomes
-    a jump of the hand. Rows are never written in place: LeRobot acts under `torch.inference_mode`, whose
-    tensors may not be modified outside of it.
+    No joint target moves faster than the servo can follow, so a jump of an encoder or of a draft never
+    becomes a jump of the hand. Rows are never written in place: LeRobot acts under `torch.inference_mode`,
+    whose tensors may not be modified outside of it.
     """
 
     def __init__(self) -> None:

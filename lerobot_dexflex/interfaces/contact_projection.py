@@ -1,4 +1,4 @@
-"""Repair a command by what touch says of the grasp: a hand-written rule, for whoever commands into the object.
+"""Repair a command by what touch says of the grasp: a hand-written rule, for who commands into the object.
 
 Fingers that carry the object move together: their common rigid motion passes, what they do against each
 other is damped, and not passed at all where it would open a loose grasp. Everything goes slowly. A small

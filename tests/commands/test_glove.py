@@ -52,7 +52,8 @@ def test_the_gloves_noise_is_drawn_from_its_seed_and_does_not_add_up():
     listener = Listener()
     hand = GlovedHand(listener, CommandErrors.of(noise=0.004), (7, 1))  # pyright: ignore[reportArgumentType]
     joints, rng = np.full(23, 0.6), np.random.default_rng((7, 1))
-    rng.uniform(size=(4, 3)), rng.integers(8, 20)  # Drawn for every family, needed or not.
+    rng.uniform(size=(4, 3))  # A bias and an onset are drawn for every family, needed or not.
+    rng.integers(8, 20)
     for k in range(3):
         hand.move(OBSERVATION, Command(joints, TIPS + 0.001 * k, joints))
         expected = 0.001 * k + rng.uniform(-0.004, 0.004, (4, 3))

@@ -95,7 +95,7 @@ def test_what_was_asked_outward_for_long_does_not_delay_the_way_back(name, axis,
     seen = {STATE: seen[STATE]}
     draft = torch.zeros(1, 8, 4, 3, dtype=torch.float64)
     draft[..., axis] = sign * 0.005
-    joints = torch.empty(0)
+    joints = back = torch.empty(0)
     for _ in range(100):
         joints = interface.step(seen, draft)
     for _ in range(8):

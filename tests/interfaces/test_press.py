@@ -115,6 +115,7 @@ def test_smoothing_averages_motions_with_its_weight_and_begins_at_the_first():
         torch.testing.assert_close(interface.motion, torch.full_like(interface.motion, average))
     interface.reset(torch.tensor([True, False]))
     interface.step(seen, held(steps[0].expand(2, 4, 3)))
+    assert interface.motion is not None
     torch.testing.assert_close(interface.motion[:, 0, 0].tolist(), [0.001, -0.0035 * 0.75 + 0.00025])
 
 

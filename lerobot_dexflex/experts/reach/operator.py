@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts.reach.balance import balance_forces
 from lerobot_dexflex.experts.reach.fingers import FingerStates, Mode
+from lerobot_dexflex.experts.reach.paths import destination, follow_paths, next_on_path, shortened
 from lerobot_dexflex.experts.reach.regrasp import regrasp_points
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
 from lerobot_dexflex.hand import kernels, leap
@@ -33,12 +34,6 @@ LEAD = (0.006, 0.15)
 """How far it may be ahead of the object [m], [rad]: what does not follow is asked for more."""
 PRELOAD = 3.0
 """Internal squeeze per finger that is wished for [N], at least `_PRELOAD_GAIN` times the weight."""
-LIFT_STEPS, LIFT_HEIGHT = 8, 0.018
-"""A lifted finger leaves the object so far [m] in so many control steps."""
-SWING_SPEED, SWING_STEPS, APPROACH = 0.006, 30, 0.012
-"""Speed of a swing to above the new place [m] per step, its longest duration, and its end above it [m]."""
-PLACE_SPEED, PRESS, PLACE_STEPS = 0.003, 0.004, 14
-"""Speed of the placing [m] per step, how deep it may push [m] and how long it may take."""
 _LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
 _APPROACH = 0.25
 """Share of the way to the goal that the reference walks per step where that is slower."""
@@ -47,9 +42,8 @@ _PULL, _LARGEST_PULL = (100.0, 0.25), (2.0, 0.05)
 _PRELOAD_GAIN, _FRICTION_SHARE = 1.5, 0.9
 _REALIGN, _FORCE_SMOOTHING = 0.3, 0.3
 _MAX_TORQUE = 0.55
-_LOST_AFTER, _RETURN, _RETURN_DEPTH = 3, 0.001, 0.006
-"""A finger without load for so many steps no longer carries; it goes back to its place by so much [m] per
-step, until it would be so deep [m]."""
+_LOST_AFTER = 3
+"""A finger without load for so many steps no longer carries."""
 _SERVO, _SERVO_RANGE = 1e-4, (-0.003, 0.006)
 _POSTURE_WEIGHT, _HOME = 0.01, 0.1
 """Tie to the measured posture [m/rad], and the share of the way back to the first grasp's per step."""
@@ -152,7 +146,7 @@ class Operator:
         self._replace_lost_finger(now)
         self._gait_if_stalled(now)
         self._advance_reference(now)
-        carrying = self._carrying(now)
+        carrying = self._carrying()
         points = np.where(carrying[:, None], now.points, now.tips)
         forces = self._forces(now, points, carrying)
         self._servo(now, forces, carrying)
@@ -233,9 +227,8 @@ class Operator:
             else:
                 fingers.timer[k] += 1
 
-    def _carrying(self, now: HandState) -> NDArray[np.bool_]:
+    def _carrying(self) -> NDArray[np.bool_]:
         """Return which fingers take part in the force balance. Shape (4,)."""
-        del now
         return (self.fingers.mode == Mode.HOLD) & (self.fingers.timer < _LOST_AFTER)
 
     def _way(self, now: HandState) -> tuple[Array, Array]:
@@ -295,65 +288,24 @@ class Operator:
         servo = np.clip(self.fingers.servo + _SERVO * missing, *_SERVO_RANGE)
         self.fingers.servo = np.where(carrying & (now.loads > CONTACT_FORCE), servo, 0.0)
 
-    def _first_step(
-        self, now: HandState, points: Array, carrying: NDArray[np.bool_]
-    ) -> tuple[Array, Array]:
+    def _first_step(self, now: HandState, points: Array, carrying: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the joints after this step [rad] (16,) and the motion of the tips to there [m] (4, 3)."""
         fingers = self.fingers
         moved, turned = self._ahead_of(now)
-        self._follow_paths(now)
+        follow_paths(fingers, now)
         normals = fingers.inward @ now.rotation.T
         asked = np.zeros((4, 3))
         for k in range(4):
             if carrying[k]:
                 asked[k] = moved + np.cross(turned, points[k] - now.position) + fingers.servo[k] * normals[k]
             else:
-                asked[k] = self._away(now, k, normals[k])
+                place, speed = destination(fingers, now, k)
+                asked[k] = shortened(place - now.tips[k], speed)
         joints = self._solve(now.joints, points, asked, carrying)
         push = np.where(carrying[:, None], fingers.servo[:, None] * normals, 0.0)
         return joints, kernels.fingertips(joints) - now.tips - push
 
-    def _away(self, now: HandState, finger: int, normal: Array) -> Array:
-        """Return the motion of a tip that does not carry [m] (3,)."""
-        fingers = self.fingers
-        mode, tip = fingers.mode[finger], now.tips[finger]
-        if mode == Mode.PARKED:
-            return shortened(fingers.park[finger] - tip, SWING_SPEED)
-        if mode == Mode.HOLD:
-            place = now.position + now.rotation @ fingers.anchor[finger] + _RETURN_DEPTH * normal
-            return shortened(place - tip, _RETURN)
-        return shortened(now.position + now.rotation @ fingers.free[finger] - tip, SWING_SPEED)
-
-    def _follow_paths(self, now: HandState) -> None:
-        """Bring lifted fingers a step further on their paths."""
-        fingers = self.fingers
-        for k in np.flatnonzero(fingers.mode > 0):
-            fingers.timer[k] += 1
-            fingers.free[k], fingers.mode[k], fingers.timer[k] = self._path(
-                k, fingers.free[k], int(fingers.mode[k]), int(fingers.timer[k])
-            )
-            if fingers.mode[k] == Mode.PLACE and fingers.timer[k] > PLACE_STEPS:
-                fingers.mode[k] = Mode.PARKED
-                fingers.park[k] = now.tips[k] - 0.015 * now.rotation @ fingers.next_inward[k]
-
-    def _path(self, finger: int, free: Array, mode: int, timer: int) -> tuple[Array, int, int]:
-        """Return where a lifted tip is next in the object's frame [m], its mode and timer after that."""
-        fingers = self.fingers
-        goal, inward = fingers.next_anchor[finger], fingers.next_inward[finger]
-        if mode == Mode.LIFT:
-            lift = LIFT_HEIGHT * min(1.0, timer / LIFT_STEPS)
-            local, done = fingers.anchor[finger] - lift * fingers.inward[finger], timer >= LIFT_STEPS
-        elif mode == Mode.SWING:
-            way = goal - APPROACH * inward - free
-            local = free + shortened(way, SWING_SPEED)
-            done = timer >= SWING_STEPS or bool(np.linalg.norm(way) <= SWING_SPEED)
-        else:
-            local, done = goal + min(PRESS, -APPROACH + PLACE_SPEED * timer) * inward, False
-        return local, mode + done, 0 if done else timer
-
-    def _solve(
-        self, joints: Array, points: Array, asked: Array, carrying: NDArray[np.bool_]
-    ) -> Array:
+    def _solve(self, joints: Array, points: Array, asked: Array, carrying: NDArray[np.bool_]) -> Array:
         """Return joints [rad] (16,) that move contact points, or the tips of free fingers, as asked [m]."""
         origins, axes, _ = kernels.frames(joints)
         solved = joints.copy()
@@ -396,15 +348,10 @@ class Operator:
                 elif fingers.mode[k] > 0:
                     if step:
                         free, mode, timer = paths[k]
-                        paths[k] = self._path(k, free, mode, timer + 1)
+                        paths[k] = next_on_path(fingers, k, free, mode, timer + 1)
                     tips[step, k] = position + whole @ paths[k][0]
                 else:
-                    tips[step, k] = now.tips[k] + (step + 1) * motion[k]
+                    place, speed = destination(fingers, now, k)
+                    tips[step, k] = now.tips[k] + shortened(place - now.tips[k], (step + 1) * speed)
         tips[0] = now.tips + motion
         return tips
-
-
-def shortened(vector: Array, limit: float) -> Array:
-    """Return the vector, or one of length `limit` in its direction if it is longer."""
-    length = float(np.linalg.norm(vector))
-    return vector if length <= limit else vector * (limit / length)

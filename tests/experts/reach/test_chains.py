@@ -64,10 +64,11 @@ def test_unverified_goals_are_around_the_start_and_each_apart_from_the_one_befor
     start = np.array(unverified.episode.position), np.array(unverified.episode.quaternion)
     previous = start
     for goal in unverified.goals:
-        distance, angle = pose_error(*goal.pose, *start)
+        position, quaternion = goal.pose
+        distance, angle = pose_error(position, quaternion, *start)
         assert distance <= DISTANCE[1] + 1e-3  # The object settles before goals are drawn around it.
         assert angle <= ANGLE[1] + 0.05
-        distance, angle = pose_error(*goal.pose, *previous)
+        distance, angle = pose_error(position, quaternion, *previous)
         assert distance > DISTANCE[0] - 1e-3 or angle > ANGLE[0] - 0.05
         previous = goal.pose
         assert goal.steps == 0

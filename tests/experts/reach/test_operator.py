@@ -1,4 +1,4 @@
-"""The operator holds and leads the object by its own joint targets, and says beforehand what the tips will do."""
+"""The operator holds and leads the object by its own joint targets, and says what the tips will do."""
 
 import numpy as np
 import pytest
@@ -6,14 +6,8 @@ import pytest
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.experts.reach.chains import TOLERANCE, HeldObject
 from lerobot_dexflex.experts.reach.fingers import Mode
-from lerobot_dexflex.experts.reach.operator import (
-    LEAD,
-    LIFT_HEIGHT,
-    LIFT_STEPS,
-    PRELOAD,
-    SWING_SPEED,
-    Operator,
-)
+from lerobot_dexflex.experts.reach.operator import LEAD, PRELOAD, Operator
+from lerobot_dexflex.experts.reach.paths import LIFT_HEIGHT, LIFT_STEPS, SWING_SPEED
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.poses import pose_error, quaternion_of, quaternion_product
@@ -148,6 +142,16 @@ def test_a_lifted_finger_comes_back_to_the_object_and_holds_again(held):
     assert all(state.loads[FINGER] > 0.5 for state in states[5:])
 
 
+def test_a_parked_finger_is_to_stay_where_it_is_parked(held):
+    now, operator = held.senses.read(), held.operator
+    operator.fingers.mode[FINGER] = Mode.PARKED
+    away = np.array([0.0, 0.0, 0.010])
+    operator.fingers.park[FINGER] = now.tips[FINGER] + away
+    guidance = operator.guide(now._replace(loads=now.loads * (np.arange(4) != FINGER)))
+    ahead = guidance.tips[1:, FINGER] - now.tips[FINGER]
+    np.testing.assert_allclose(ahead, np.tile(away, (7, 1)), atol=1e-12)
+
+
 def test_the_first_step_is_where_its_joints_lead_beside_the_grip(held):
     now = held.senses.read()
     guidance = held.operator.guide(now)
@@ -158,7 +162,7 @@ def test_the_first_step_is_where_its_joints_lead_beside_the_grip(held):
 
 
 def test_carrying_fingers_go_with_the_object_as_one_body(held):
-    """In the look-ahead distances between carrying tips hardly change, and nothing is faster than the lead."""
+    """In the look-ahead their distances hardly change, and nothing is faster than the lead."""
     now = held.senses.read()
     held.operator.set_goal(now.position + np.array([0.0, 0.0, 0.02]), now.quaternion)
     guidance = held.operator.guide(now)
@@ -206,6 +210,7 @@ def test_it_does_not_push_an_object_that_fewer_than_two_fingers_hold(held):
     held.operator.set_goal(now.position + np.array([0.0, 0.0, 0.02]), now.quaternion)
     loads = np.array([1.0, 0.0, 0.0, 0.0])
     alone = now._replace(loads=loads, points=np.where(loads[:, None] > 0, now.points, now.tips))
+    guidance = held.operator.guide(alone)
     for _ in range(10):
         guidance = held.operator.guide(alone)
         assert np.linalg.norm(guidance.tips - alone.tips, axis=-1).max() < 8 * SWING_SPEED
