@@ -12,9 +12,10 @@ from lerobot_dexflex.interfaces.raw import MEANING
 
 DRAFT_HEALTH = ("ok", "late", "clipped")
 """What a draft can be; `DraftReading.health` holds indices into it."""
-FARTHEST, FASTEST = 0.03, 0.015
-"""Drafts are clipped here, per axis: as far as this [m], or where so fast a motion gets [m per control step],
-0.3 m/s, twice what 99 % of the experts' steps stay below. Who commands into an object leads by up to 20 mm."""
+FARTHEST, FASTEST = 0.06, 0.015
+"""Drafts are clipped here, per axis: as far as this [m], or where so fast a motion gets [m per control
+step]: 0.3 m/s, twice what 99 % of the experts' steps stay below. 99 % of what is asked by who
+commands into an object stay below 60 mm."""
 
 _OK, _LATE, _CLIPPED = range(len(DRAFT_HEALTH))
 

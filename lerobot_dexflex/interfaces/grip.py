@@ -1,4 +1,4 @@
-"""Grip: contact forces become joint leads, and a small servo makes up for what touch does not feel of them."""
+"""Grip: contact forces become joint leads; a small servo makes up for what touch does not feel of them."""
 
 from dataclasses import dataclass, fields
 from typing import NamedTuple

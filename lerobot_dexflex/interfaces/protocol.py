@@ -26,8 +26,10 @@ class Interface(Protocol):
 
     @property
     def motion(self) -> Tensor | None:
-        """Motion of the fingertips that the last step asked of the hand, beside any grip, from where they
-        were measured, in the palm frame [m], (batch, 4, 3); None before the first step."""
+        """Motion of the fingertips that the last step asked of the hand, beside any grip.
+
+        From where they were measured, in the palm frame [m], (batch, 4, 3); None before the first step.
+        """
         ...
 
     def reset(self, mask: Tensor | None = None) -> None:

@@ -50,11 +50,11 @@ def test_a_late_first_draft_holds_where_the_hand_was_then():
 
 def test_wild_drafts_are_clipped_per_axis_and_reported_for_their_row():
     draft = ramp(rows=2).clone()
-    draft[1, 0, 2] = torch.tensor([0.5, -0.040, 0.029], dtype=torch.float64)
-    draft[1, 7, 2] = torch.tensor([0.5, -0.040, 0.029], dtype=torch.float64)
+    draft[1, 0, 2] = torch.tensor([0.5, -0.070, 0.059], dtype=torch.float64)
+    draft[1, 7, 2] = torch.tensor([0.5, -0.070, 0.059], dtype=torch.float64)
     reading = DraftWatch().look(draft, TIPS.expand(2, -1, -1))
-    assert reading.draft[1, 0, 2].tolist() == [FARTHEST, -FARTHEST, 0.029]
-    assert reading.draft[1, 7, 2].tolist() == [8 * FASTEST, -0.040, 0.029]
+    assert reading.draft[1, 0, 2].tolist() == [FARTHEST, -FARTHEST, 0.059]
+    assert reading.draft[1, 7, 2].tolist() == [8 * FASTEST, -0.070, 0.059]
     assert [DRAFT_HEALTH[k] for k in reading.health.tolist()] == ["ok", "clipped"]
     assert torch.equal(reading.draft[0], draft[0])
 
