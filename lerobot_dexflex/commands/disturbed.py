@@ -23,9 +23,9 @@ _HAND = len(HAND_JOINTS)
 class DisturbedInterface(WrappedInterface):
     """Spoils every draft on its way to an interface. Satisfies `Interface`; call `begin` before an episode.
 
-    A delayed draft leads to the positions of an old one, and a removed finger leaves from where it is felt:
-    it lets go at once however deep the squeeze was (its later steps go on outward: nobody knows when it
-    ends). Planned joints are moved so that their fingertips are off by as much, by the inverse
+    A delayed draft leads to the positions of an old one, and a removed finger leaves from where it is felt,
+    so that it lets go at once however deep the squeeze was (its later steps go on outward: nobody knows when
+    the removal ends). Planned joints are moved so that their fingertips are off by as much, by the inverse
     kinematics of `raw`.
 
     Args:

@@ -1,9 +1,9 @@
 """The closed loop: operator, spoilt draft, interface, hand; batched over chains of goals.
 
 Each slot of a batch runs one chain; when it ends the next chain takes its place, so learned interfaces
-always see full batches. At every step the operator looks at the state that was really reached and says where
-the fingertips should be over the next steps; errors spoil that draft, the method executes its first step, and
-what the method changes, the operator notices.
+always see full batches. At every step the operator looks at the state that was actually reached and says
+where the fingertips should be over the next steps; errors spoil that draft, the method executes its first
+step, and what the method changes, the operator notices.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -114,15 +114,17 @@ class ErrorStream:
 
     def _removed(self, draft: Tensor, tips: Tensor) -> Tensor:
         """Return the draft of which removed fingers leave from where they were felt, and go on outward."""
-        struck = torch.as_tensor(self.fingers("removal"), device=draft.device)[..., None]
-        self._left = tips if self._left is None else torch.where(struck, self._left, tips)
-        way = np.zeros((len(self), draft.shape[1], 4, 3))
+        ages, way = np.zeros((len(self), 4), int), np.zeros((len(self), draft.shape[1], 4, 3))
         for k, row in enumerate(self._rows):
             for schedule in row.schedules:
                 if schedule.active and schedule.error.family == "removal":
+                    ages[k, schedule.finger] = schedule.age
                     steps = schedule.age + np.arange(draft.shape[1])
                     way[k, :, schedule.finger] = schedule.error.strength * steps[:, None] * schedule.outward
-        return effects.replaced(draft, struck[:, None], (self._left - tips)[:, None] + _like(way, draft))
+        age = torch.as_tensor(ages, device=draft.device)[..., None]
+        self._left = tips if self._left is None else torch.where(age > 1, self._left, tips)
+        left = (self._left - tips)[:, None] + _like(way, draft)
+        return effects.replaced(draft, age[:, None] > 0, left)
 
 
 def seeds_of(errors: CommandErrors, seed: Seed) -> list[Seed]:

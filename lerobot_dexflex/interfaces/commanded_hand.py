@@ -1,7 +1,8 @@
 """What all interfaces share: where the hand is, what it was last told to do, and how it is moved."""
 
+import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import torch
@@ -32,9 +33,9 @@ class Measured(NamedTuple):
 class CommandedHand:
     """The previous command, row by row; the last thing below every interface.
 
-    No joint target moves faster than the servo can follow: a jump of an encoder or of a draft never becomes a
-    jump of the hand. Rows are never written in place: LeRobot acts under `torch.inference_mode`, whose
-    tensors may not be modified outside of it.
+    No joint target moves faster than the servo can follow, so a jump of an encoder or of a draft never
+    becomes a jump of the hand. Rows are never written in place: LeRobot acts under `torch.inference_mode`,
+    whose tensors may not be modified outside of it.
     """
 
     def __init__(self) -> None:
@@ -146,6 +147,22 @@ class CommandedInterface(ABC):
         joints = self._hand.execute(joints, posture)
         self._motion = motion
         return joints
+
+    @contextlib.contextmanager
+    def all_or_nothing(self, *parts: object) -> Iterator[None]:
+        """Forget a step that fails: neither the interface nor its parts remember anything of it.
+
+        Memories are tensors that are replaced and never written in place, so it is enough to keep references.
+        """
+        whole = (self, self._hand, *parts)
+        before = [dict(vars(part)) for part in whole]
+        try:
+            yield
+        except BaseException:
+            for part, memory in zip(whole, before, strict=True):
+                vars(part).clear()
+                vars(part).update(memory)
+            raise
 
     @abstractmethod
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:

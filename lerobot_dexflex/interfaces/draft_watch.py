@@ -8,24 +8,24 @@ from torch import Tensor
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces.commanded_hand import check_draft
+from lerobot_dexflex.interfaces.raw import MEANING
 
 DRAFT_HEALTH = ("ok", "late", "clipped")
 """What a draft can be; `DraftReading.health` holds indices into it."""
-LARGEST_STEP, LARGEST_OFFSET = 0.03, 0.12
-"""Drafts are clipped to so much per axis in their first step, and in any [m]: a hand cannot do more, and does
-not reach farther."""
+FARTHEST, FASTEST = 0.06, 0.015
+"""Drafts are clipped here, per axis: as far as this [m], or where so fast a motion gets [m per control
+step]: 0.3 m/s, twice what 99 % of the experts' steps stay below. 99 % of what is asked by who
+commands into an object stay below 60 mm."""
 
 _OK, _LATE, _CLIPPED = range(len(DRAFT_HEALTH))
-_MEANING = (
-    f"where the four fingertips should be, minus where they are measured [m], over {DRAFT_HORIZON} steps"
-)
 
 
 class DraftReading(NamedTuple):
     """A draft that is safe to compute with."""
 
     draft: Tensor
-    """Where tips should be, minus where they are measured [m], float64. Shape (batch, 8, 4, 3)."""
+    """Where the fingertips should be, relative to where they are measured [m], float64. Shape
+    (batch, 8, 4, 3)."""
     health: Tensor
     """Index into `DRAFT_HEALTH`. Shape (batch,)."""
 
@@ -33,20 +33,21 @@ class DraftReading(NamedTuple):
 class DraftWatch:
     """Judge drafts, row by row, remembering where the last one led.
 
-    A late draft (None) is replaced by the rest of the last one, followed by rest: the hand goes on for at
-    most 7 steps and then stays where that ended. A draft far outside of what a hand can do is clipped.
+    A late draft (None) is replaced by the rest of the last one, wherever the hand is by now, and its end is
+    held: the hand goes on for at most 7 steps. A draft far outside of what a hand can do is clipped.
     """
 
     def __init__(self) -> None:
-        self._last: Tensor | None = None  # Positions [m] (batch, 8, 4, 3); NaN after a reset.
+        self._goals: Tensor | None = None
 
     def reset(self, mask: Tensor | None = None) -> None:
         """Forget the drafts of the rows in `mask`, shape (batch,), or of all."""
-        if mask is None or self._last is None:
-            self._last = None
+        if mask is None or self._goals is None:
+            self._goals = None
             return
-        mask = torch.as_tensor(mask, dtype=torch.bool, device=self._last.device)
-        self._last = self._last.masked_fill(mask[:, None, None, None], torch.nan)
+        mask = torch.as_tensor(mask, dtype=torch.bool, device=self._goals.device)
+        # NaN marks a row without a past: if its first draft is late, it holds.
+        self._goals = self._goals.masked_fill(mask[:, None, None, None], torch.nan)
 
     def look(self, draft: Tensor | None, tips: Tensor) -> DraftReading:
         """Judge this step's draft; call it once per control step.
@@ -56,19 +57,18 @@ class DraftWatch:
             tips: Measured fingertips [m], float64. Shape (batch, 4, 3).
         """
         here = tips[:, None]
-        health = torch.zeros(len(tips), dtype=torch.int64, device=tips.device)
+        health = torch.full((len(tips),), _OK, dtype=torch.int64, device=tips.device)
+        steps = torch.arange(1, DRAFT_HORIZON + 1, dtype=torch.float64, device=tips.device)
+        bound = (FASTEST * steps).clamp(min=FARTHEST).view(-1, 1, 1)
         if draft is None:
-            last = here.expand(-1, DRAFT_HORIZON, -1, -1) if self._last is None else self._last
-            left = torch.cat([last[:, 1:], last[:, -1:]], 1)
-            current = torch.where(left.isnan(), 0.0, left - here)
-            health = health + _LATE
+            goals = here.expand(-1, DRAFT_HORIZON, -1, -1) if self._goals is None else self._goals
+            goals = torch.cat([goals[:, 1:], goals[:, -1:]], 1)
+            draft, health = torch.where(goals.isnan(), here, goals) - here, health + _LATE
         else:
-            bound = draft.new_full((DRAFT_HORIZON, 1, 1), LARGEST_OFFSET, dtype=torch.float64)
-            bound[0] = LARGEST_STEP
             wild = (draft.abs() > bound).flatten(1).any(1)
-            current = torch.minimum(torch.maximum(draft.double(), -bound), bound)
             health = torch.where(wild, _CLIPPED, health)
-        self._last = here + current
+        current = draft.double().clamp(-bound, bound)
+        self._goals = here + current
         return DraftReading(current, health)
 
 
@@ -80,7 +80,7 @@ def checked_draft(draft: Tensor | None, rows: int) -> Tensor | None:
     """
     if draft is None:
         return None
-    checked = check_draft(draft, (4, 3), rows, _MEANING)
+    checked = check_draft(draft, (4, 3), rows, MEANING)
     if draft.shape[1] != DRAFT_HORIZON:
         raise DexFlexError(
             f"The controller looks {DRAFT_HORIZON} control steps ahead; the draft has {draft.shape[1]}. "

@@ -81,3 +81,23 @@ register(
         },
     ),
 )
+register(
+    "projection",
+    InterfaceEntry(
+        f"{_HERE}.projection",
+        "make_projection",
+        "draft",
+        options={
+            "gain": NUMBER,
+            "free_gain": NUMBER,
+            "internal_gain": NUMBER,
+            "planned_gain": NUMBER,
+            "closing_gain": NUMBER,
+            "opening_load": NUMBER,
+            "speed": NUMBER,
+            "squeeze_gain": NUMBER,
+            "preload": NUMBER,
+            "return_speed": NUMBER,
+        },
+    ),
+)

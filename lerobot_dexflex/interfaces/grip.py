@@ -134,5 +134,9 @@ def centres_of_pressure(joints: Tensor, tactile: Tensor) -> Tensor:
 
 
 def loads_of(tactile: Tensor) -> Tensor:
-    """Return the normal force of each fingertip [N], (batch, 4), of taxels (batch, 240)."""
-    return tactile.reshape(len(tactile), 4, -1).sum(-1)
+    """Return the normal force of each fingertip [N], (batch, 4), of taxels (batch, 240) or (batch, 4, ...).
+
+    It is NaN where a taxel reports no finite number.
+    """
+    loads = tactile.reshape(len(tactile), 4, -1).sum(-1)
+    return loads.masked_fill(~loads.isfinite(), torch.nan)

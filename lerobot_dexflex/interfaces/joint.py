@@ -17,9 +17,10 @@ class JointInterface(CommandedInterface):
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         """Return the draft's first joint targets [rad], shape (batch, 16); see `Interface.step`."""
-        measured = self._hand.look(observation)
-        rows = len(measured.joints)
-        targets = check_draft(draft, (N_JOINTS,), rows, "absolute hand joint targets [rad]")[:, 0]
-        joints = self._hand.execute(targets)
+        with self.all_or_nothing():
+            measured = self._hand.look(observation)
+            rows = len(measured.joints)
+            targets = check_draft(draft, (N_JOINTS,), rows, "absolute hand joint targets [rad]")[:, 0]
+            joints = self._hand.execute(targets)
         self._motion = fingertips(joints) - measured.tips
         return joints.to(draft.dtype)

@@ -19,8 +19,9 @@ class Method:
     """An interface as it is named everywhere: `base[-ablation][:options][@gain]`.
 
     Options are `key=value` words joined by `+`; an interface's main option needs no key, several values are
-    joined by `/`. A gain scales the motion that the interface asks of the hand, not its grip. Examples: raw,
-    `press:2.5+blocked=True`, `dexflex-notouch@0.7`, `dexflex:nfe=2+levels=0.5/0.75`, `oracle:clean+moving=2`.
+    joined by `/`. A gain scales the motion that the interface asks of the hand, not its grip. Examples:
+    `raw`, `press:2.5+blocked=True`, `dexflex-notouch@0.7`, `dexflex:nfe=2+levels=0.5/0.75`,
+    `oracle:clean+moving=2`.
     """
 
     base: str

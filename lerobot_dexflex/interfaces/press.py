@@ -71,14 +71,15 @@ class PressInterface(CommandedInterface):
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         """Return the joint targets of the draft's first step and the grip; see `Interface.step`."""
-        measured = self._hand.look(observation)
-        rows = len(measured.joints)
-        checked, taxels = check_draft(draft, (4, 3), rows, MEANING), checked_taxels(observation, rows)
-        if taxels is None:
-            loads = torch.full((rows, 4), torch.nan, dtype=torch.float64, device=measured.joints.device)
-        else:
-            loads = loads_of(taxels).double()
-        return self._press(measured, checked, loads).to(draft.dtype)
+        with self.all_or_nothing(self._grip):
+            measured = self._hand.look(observation)
+            rows = len(measured.joints)
+            checked, taxels = check_draft(draft, (4, 3), rows, MEANING), checked_taxels(observation, rows)
+            if taxels is None:
+                loads = torch.full((rows, 4), torch.nan, dtype=torch.float64, device=measured.joints.device)
+            else:
+                loads = loads_of(taxels).double()
+            return self._press(measured, checked, loads).to(draft.dtype)
 
     def _press(self, measured: Measured, draft: Tensor, loads: Tensor) -> Tensor:
         settings = self.settings

@@ -6,8 +6,8 @@ from lerobot_dexflex.commands.families import FAMILIES, NO_ERRORS, CommandErrors
 from lerobot_dexflex.errors import DexFlexError
 
 NAMES = [
-    *("noise_2mm", "jitter_4mm", "scale_1.5", "scale_0", "delay_2", "removal_3mm"),
-    *("bias_0.5mm", "freeze_8", "dropout_16", "delay_2+noise_1mm", "jitter_4mm+removal_2mm"),
+    *("noise_2mm", "noise_4mm", "scale_1.5", "scale_0", "delay_2", "removal_3mm"),
+    *("bias_0.5mm", "freeze_8", "dropout_16", "delay_2+noise_1mm", "noise_4mm+removal_2mm"),
 ]
 
 
@@ -23,9 +23,9 @@ def test_every_family_is_tried_above_and_no_errors_are_clean():
 
 
 def test_strengths_are_si_and_errors_have_one_order():
-    errors = CommandErrors.parse("removal_2mm+jitter_4mm")
-    assert errors == CommandErrors.of(jitter=0.004, removal=0.002)
-    assert errors.name == "jitter_4mm+removal_2mm"
+    errors = CommandErrors.parse("removal_2mm+noise_4mm")
+    assert errors == CommandErrors.of(noise=0.004, removal=0.002)
+    assert errors.name == "noise_4mm+removal_2mm"
 
 
 def test_events_last_as_long_as_the_table_or_the_strength_says():
@@ -37,6 +37,7 @@ def test_events_last_as_long_as_the_table_or_the_strength_says():
     ("name", "message"),
     [
         ("typo_2mm", r"'typo_2mm' is no command error. Valid: delay_<steps>, .*noise_<mm>"),
+        ("jitter_4mm", "'jitter_4mm' is no command error"),
         ("noise_xmm", "'noise_xmm' is no command error"),
         ("noise", "'noise' is no command error"),
         ("noise_2", "'noise_2' is no command error"),
@@ -44,8 +45,8 @@ def test_events_last_as_long_as_the_table_or_the_strength_says():
         ("", "'' is no command error"),
         ("delay_1.5", "'delay', by so many steps, must be a whole number, 0 or more. Got 1.5"),
         ("freeze_0", "'freeze', for so many steps, must be a whole number, 1 or more. Got 0.0"),
-        ("scale_-1", "'scale', factor of every displacement, must be 0 or more. Got -1.0"),
-        ("jitter_nanmm", "must be 0 or more. Got nan"),
+        ("scale_-1", "'scale', factor of every motion, must be 0 or more. Got -1.0"),
+        ("noise_nanmm", "must be 0 or more. Got nan"),
         ("noise_1mm+noise_2mm", "names a family twice"),
     ],
 )

@@ -1,4 +1,7 @@
-"""What each error does to a stream of displacements, row by row, and what of it is logged."""
+"""What each error does to a stream of drafts, row by row, and what of it is logged.
+
+The hand goes its own way here: where a command leads is measured from where the fingertips are in that step.
+"""
 
 import numpy as np
 import pytest
@@ -8,19 +11,17 @@ from lerobot_dexflex.commands.draws import ErrorEvent
 from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.stream import ErrorStream, seeds_of
 
-CLEAN = 1e-3 * np.arange(12, dtype=np.float64).reshape(4, 3)
-CLEAN_RUN = np.stack([CLEAN * (k + 1) for k in range(100)])
+STEPS, HORIZON = 100, 8
+GOALS = 1e-3 * np.arange(12, dtype=np.float64).reshape(4, 3) * np.arange(1, STEPS + 1)[:, None, None]
+"""Where the fingertips should be after each step [m], (steps, 4, 3)."""
+TIPS = np.random.default_rng(0).normal(scale=0.01, size=(STEPS, 4, 3)).cumsum(0)
+"""Where they are measured in each step [m]."""
 LOADS = torch.tensor([0.2, 3.0, 1.0, 2.0]).double()
 INWARD = torch.tensor([1.0, 0.0, 0.0]).double().expand(4, -1)
+OUTWARD = np.array([-1.0, 0.0, 0.0])
 NAMES = [
-    "noise_2mm",
-    "jitter_2mm",
-    "scale_1.5",
-    "delay_2",
-    "removal_3mm",
-    "bias_1mm",
-    "freeze_5",
-    "dropout_5",
+    *("noise_2mm", "scale_1.5", "delay_2", "removal_3mm", "bias_1mm", "freeze_5", "dropout_5"),
+    "delay_1+noise_1mm+removal_2mm",
 ]
 
 
@@ -32,16 +33,28 @@ def begun(names, seeds):
     return stream
 
 
-def spoilt(stream, clean, loads=LOADS):
+def spoilt(stream, k, loads=LOADS, goals=GOALS):
+    """Return what is left of the draft that holds the k-th goal [m], (rows, 4, 3), from where tips are."""
     rows = len(stream)
-    motion = stream.delayed(torch.from_numpy(clean).expand(rows, -1, -1))[:, None]
-    return stream.step(motion, loads.expand(rows, -1), INWARD.expand(rows, -1, -1))[:, 0].numpy()
+    tips = torch.from_numpy(TIPS[k]).expand(rows, -1, -1)
+    wanted = stream.delayed(torch.from_numpy(goals[k]).expand(rows, -1, -1))
+    motion = (wanted - tips)[:, None]
+    return stream.step(motion, tips, loads.expand(rows, -1), INWARD.expand(rows, -1, -1))[:, 0].numpy()
 
 
-def run(name, seed=0):
-    """Return the spoilt displacements of `CLEAN_RUN`, (100, 4, 3), and the stream."""
+def run(name, seed=0, loads=LOADS):
+    """Return where the spoilt commands lead [m], (100, 4, 3), and the stream."""
     stream = begun([name], [seed])
-    return np.stack([spoilt(stream, clean)[0] for clean in CLEAN_RUN]), stream
+    return np.stack([TIPS[k] + spoilt(stream, k, loads)[0] for k in range(STEPS)]), stream
+
+
+def near(found, expected):
+    np.testing.assert_allclose(found, expected, atol=1e-12, rtol=0)
+
+
+def struck(found):
+    """Return steps and fingers in which a command leads elsewhere, (steps, 4)."""
+    return np.abs(found - GOALS).max(2) > 1e-9
 
 
 def stretches(flags):
@@ -51,73 +64,81 @@ def stretches(flags):
 
 
 def test_clean_commands_pass():
-    np.testing.assert_array_equal(run("clean")[0], CLEAN_RUN)
+    near(run("clean")[0], GOALS)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_row_is_the_same_alone_and_beside_others(name):
     stream = begun([*NAMES, name], [*range(5, 5 + len(NAMES)), 0])
-    beside = np.stack([spoilt(stream, clean)[-1] for clean in CLEAN_RUN])
+    beside = np.stack([TIPS[k] + spoilt(stream, k)[-1] for k in range(STEPS)])
     np.testing.assert_array_equal(beside, run(name)[0])
 
 
-def test_noise_is_uniform_and_new_at_every_step():
-    noise = run("noise_2mm")[0] - CLEAN_RUN
-    assert np.abs(noise).max() <= 0.002
+def test_noise_of_positions_is_uniform_and_new_at_every_step_and_does_not_add_up():
+    noise = run("noise_2mm")[0] - GOALS
+    assert np.abs(noise).max() <= 0.002 + 1e-12
     assert noise.std() == pytest.approx(0.004 / np.sqrt(12), rel=0.05)
     assert abs(np.corrcoef(noise[1:].ravel(), noise[:-1].ravel())[0, 1]) < 0.1
 
 
-def test_noise_adds_up_to_wrong_positions_and_jitter_does_not():
-    wandering, shaking = (np.cumsum(run(f"{name}_2mm")[0] - CLEAN_RUN, 0) for name in ("noise", "jitter"))
-    assert np.abs(shaking).max() <= 0.002 + 1e-12
-    assert shaking.std() == pytest.approx(0.004 / np.sqrt(12), rel=0.05)
-    assert np.abs(wandering).max() > 0.005
-
-
 def test_bias_is_the_same_at_every_step():
-    bias = run("bias_1mm")[0] - CLEAN_RUN
-    np.testing.assert_allclose(bias, np.broadcast_to(bias[0], bias.shape), atol=1e-12)
-    assert 0 < np.abs(bias).max() <= 0.001
+    bias = run("bias_1mm")[0] - GOALS
+    near(bias, np.broadcast_to(bias[0], bias.shape))
+    assert 0 < np.abs(bias).max() <= 0.001 + 1e-12
 
 
-def test_scaling_multiplies():
-    np.testing.assert_allclose(run("scale_1.5")[0], 1.5 * CLEAN_RUN)
+def test_scaling_multiplies_the_motion_from_where_the_fingertips_are():
+    near(run("scale_1.5")[0] - TIPS, 1.5 * (GOALS - TIPS))
 
 
-def test_delay_repeats_the_first_command_and_then_lags_two_steps():
+def test_delay_leads_to_old_places_wherever_the_hand_is_by_now():
     delayed, _ = run("delay_2")
-    np.testing.assert_array_equal(delayed[:3], np.broadcast_to(CLEAN_RUN[0], (3, 4, 3)))
-    np.testing.assert_array_equal(delayed[2:], CLEAN_RUN[:-2])
+    near(delayed[:3], np.broadcast_to(GOALS[0], (3, 4, 3)))
+    near(delayed[2:], GOALS[:-2])
 
 
-def test_removal_pulls_the_most_loaded_finger_off_for_eight_steps_about_every_25():
-    removed, stream = run("removal_3mm")
-    changed = np.abs(removed - CLEAN_RUN).max(2) > 0
+def test_removal_takes_the_most_loaded_finger_off_from_where_it_is_felt_for_eight_steps_about_every_25():
+    removed, stream = run("removal_2mm")
+    changed = struck(removed)
     assert not changed[:, [0, 2, 3]].any()
-    np.testing.assert_allclose(removed[changed[:, 1], 1], np.tile([-0.003, 0, 0], (changed[:, 1].sum(), 1)))
     starts, ends = stretches(changed[:, 1])
     assert 3 <= len(starts) <= 6
     assert set((ends - starts)[:-1]) == {8}
     assert 7 <= starts[0] <= 19
+    for start, end in zip(starts, ends, strict=True):
+        away = 0.002 * np.arange(1, end - start + 1)[:, None] * OUTWARD
+        near(removed[start:end, 1], TIPS[start, 1] + away)
     assert stream.events == [
         ErrorEvent(0, "removal", int(a), int(b), 1) for a, b in zip(starts, ends, strict=True)
     ]
 
 
+def test_the_later_steps_of_a_removal_go_on_outward():
+    stream = begun(["removal_2mm"], [0])
+    first = run("removal_2mm")[1].events[0].onset
+    for k in range(first):
+        spoilt(stream, k)
+    tips = torch.from_numpy(TIPS[first])[None]
+    draft = torch.zeros(1, HORIZON, 4, 3, dtype=torch.float64)
+    found = stream.step(draft, tips, LOADS[None], INWARD[None])[0].numpy()
+    near(found[:, 1], 0.002 * np.arange(1, HORIZON + 1)[:, None] * OUTWARD)
+    near(found[:, [0, 2, 3]], np.zeros((HORIZON, 3, 3)))
+
+
 def test_a_hand_that_holds_nothing_has_no_removals():
-    stream = begun(["removal_3mm"], [0])
-    for clean in CLEAN_RUN:
-        np.testing.assert_array_equal(spoilt(stream, clean, torch.zeros(4))[0], clean)
+    found, stream = run("removal_3mm", loads=torch.zeros(4, dtype=torch.float64))
+    near(found, GOALS)
     assert stream.events == []
 
 
 @pytest.mark.parametrize("steps", [3, 20])
-def test_a_frozen_command_stands_still_and_then_rests_as_long_as_after_a_removal(steps):
+def test_a_frozen_command_stays_where_it_was_and_then_rests_as_long_as_after_a_removal(steps):
     frozen, stream = run(f"freeze_{steps}")
-    still = (frozen == 0).all((1, 2))
-    np.testing.assert_array_equal(frozen[~still], CLEAN_RUN[~still])
+    still = struck(frozen).all(1)
+    near(frozen[~still], GOALS[~still])
     starts, ends = stretches(still)
+    for start, end in zip(starts, ends, strict=True):
+        near(frozen[start:end], np.broadcast_to(GOALS[start - 1], (end - start, 4, 3)))
     assert [(e.onset, e.end, e.finger) for e in stream.events] == [
         (a, b, None) for a, b in zip(starts, ends, strict=True)
     ]
@@ -129,24 +150,37 @@ def test_a_frozen_command_stands_still_and_then_rests_as_long_as_after_a_removal
 
 
 def test_a_dropout_stops_one_finger_drawn_at_random():
-    struck = set()
+    seen = set()
     for seed in range(8):
         lost, stream = run("dropout_5", seed)
-        still = (lost == 0).all(2)
-        assert still.sum(1).max() == 1
-        np.testing.assert_array_equal(lost[~still], CLEAN_RUN[~still])
+        stopped = struck(lost)
+        assert stopped.sum(1).max() == 1
         for event in stream.events:
-            assert still[event.onset : event.end, event.finger].all()
-            struck.add(event.finger)
-        assert still.sum() == sum(event.end - event.onset for event in stream.events)
-    assert struck == {0, 1, 2, 3}
+            assert stopped[event.onset : event.end, event.finger].all()
+            kept = GOALS[event.onset - 1, event.finger]
+            near(lost[event.onset : event.end, event.finger], np.tile(kept, (event.end - event.onset, 1)))
+            seen.add(event.finger)
+        assert stopped.sum() == sum(event.end - event.onset for event in stream.events)
+    assert seen == {0, 1, 2, 3}
+
+
+def test_what_stands_still_is_the_command_with_its_errors():
+    """A frozen glove repeats its last noisy and scaled wish, and later steps of the draft stand with it."""
+    both, frozen = run("noise_2mm+scale_1.5+freeze_5")[0], run("freeze_5")[0]
+    loose, _ = run("noise_2mm+scale_1.5")
+    starts, ends = stretches(struck(frozen).all(1))
+    assert len(starts) >= 2
+    for start, end in zip(starts, ends, strict=True):
+        near(both[start:end], np.broadcast_to(loose[start - 1], (end - start, 4, 3)))
+    still = struck(frozen).all(1)
+    near(both[~still], loose[~still])
 
 
 def test_rows_know_their_own_events():
     stream = begun(["removal_3mm", "clean", "freeze_4"], [0, 0, 1])
     seen = []
-    for clean in CLEAN_RUN:
-        spoilt(stream, clean)
+    for k in range(STEPS):
+        spoilt(stream, k)
         seen.append(stream.in_event)
     counts = np.zeros(3, int)
     for event in stream.events:
@@ -158,39 +192,57 @@ def test_rows_know_their_own_events():
 
 def test_a_row_begins_anew_and_the_others_go_on():
     stream = begun(["delay_2", "delay_2"], [0, 0])
-    for clean in CLEAN_RUN[:10]:
-        spoilt(stream, clean)
+    for k in range(10):
+        spoilt(stream, k)
     stream.restart(torch.tensor([True, False]))
-    first, second = spoilt(stream, CLEAN_RUN[10])
-    np.testing.assert_array_equal(first, CLEAN_RUN[10])
-    np.testing.assert_array_equal(second, CLEAN_RUN[8])
+    first, second = TIPS[10] + spoilt(stream, 10)
+    near(first, GOALS[10])
+    near(second, GOALS[8])
 
 
-def test_joined_errors_act_together_and_draw_as_they_do_alone():
-    joined = run("noise_2mm+scale_1.5+freeze_5")[0]
-    noisy, frozen = run("noise_2mm")[0], run("freeze_5")[0]
-    still = (frozen == 0).all((1, 2))
-    assert still.any()
-    assert (joined[still] == 0).all()
-    np.testing.assert_allclose(joined[~still], (noisy + 0.5 * CLEAN_RUN)[~still], atol=1e-12)
+@pytest.mark.parametrize("name", ["removal_2mm", "freeze_5", "dropout_5"])
+def test_a_restarted_episode_knows_nothing_of_the_one_before(name):
+    """No finger is left where an event of another episode left it."""
+    stream = begun([name], [0])
+    while not stream.in_event[0]:
+        spoilt(stream, 0)
+    stream.restart()
+    found = np.stack([TIPS[k] + spoilt(stream, k)[0] for k in range(50, 90)])
+    assert not struck_at(found, 50)[:7].any()
+    for event in stream.events:
+        onset = 50 + event.onset
+        expected = TIPS[onset, 1] + 0.002 * OUTWARD if name == "removal_2mm" else GOALS[onset - 1]
+        finger = slice(None) if event.finger is None else event.finger
+        near(found[event.onset, finger], expected if name == "removal_2mm" else expected[finger])
+    assert stream.events
 
 
-@pytest.mark.parametrize("name", ["noise_2mm", "jitter_2mm"])
-def test_a_step_that_is_planned_twice_has_the_same_error_in_both_plans(name):
-    errors = CommandErrors.parse(name)
-    stream = begun([name], [3])
-    plan = torch.zeros(1, 8, 4, 3, dtype=torch.float64)
-    first, second = (stream.step(plan, LOADS[None], INWARD[None], absolute=True)[0] for _ in range(2))
-    if errors.families == ("jitter",):  # Positions are off; the second plan starts one step later.
-        first, second = first.cumsum(0), second.cumsum(0)
-    torch.testing.assert_close(first[1:], second[:-1], atol=1e-15, rtol=0)
+def struck_at(found, first):
+    return np.abs(found - GOALS[first : first + len(found)]).max(2) > 1e-9
+
+
+def test_joined_errors_draw_as_they_do_alone():
+    noise = run("noise_2mm")[0] - GOALS
+    near(run("noise_2mm+scale_1.5")[0] - TIPS, 1.5 * (GOALS - TIPS) + noise)
+    near(run("delay_2+noise_2mm")[0][2:], GOALS[:-2] + noise[2:])
+
+
+def test_a_step_that_is_planned_twice_has_the_same_error_in_both_plans():
+    stream = begun(["noise_2mm"], [3])
+    plan = torch.zeros(1, HORIZON, 4, 3, dtype=torch.float64)
+    tips = torch.zeros(1, 4, 3, dtype=torch.float64)
+    first, second = (stream.step(plan, tips, LOADS[None], INWARD[None])[0] for _ in range(2))
+    torch.testing.assert_close(first[1:], second[:-1], atol=0, rtol=0)
     assert not torch.equal(first[0], first[1])
 
 
 def test_a_command_that_knows_no_future_has_one_error_in_all_its_steps():
-    stream = begun(["jitter_2mm"], [3])
-    held = torch.full((1, 8, 4, 3), 0.001, dtype=torch.float64)
+    stream = begun(["noise_2mm"], [3])
+    held = torch.full((1, HORIZON, 4, 3), 0.001, dtype=torch.float64)
+    errors = []
     for _ in range(2):
-        moved = stream.step(held, LOADS[None], INWARD[None], absolute=True, held=True) - held
+        moved = stream.step(held, held[:, 0], LOADS[None], INWARD[None], held=True) - held
         torch.testing.assert_close(moved, moved[:, :1].expand_as(moved))
+        errors.append(moved[0, 0])
         assert 0 < moved.abs().max() <= 0.002
+    assert not torch.equal(*errors)

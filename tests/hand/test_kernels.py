@@ -25,6 +25,7 @@ def every_kernel(joints, rng):
     yield kernels.fingertips, (joints,)
     yield kernels.solve_fingertips, (targets, joints)
     yield kernels.solve_pads, (targets, normals, joints)
+    yield kernels.contact_torques, (joints, targets, 5 * normals)
     for part in range(3):
         yield (lambda hands, part=part: kernels.frames(hands)[part]), (joints,)
     for part in range(2):
@@ -50,6 +51,8 @@ def test_as_many_wishes_as_hands_are_asked_for(joints):
         kernels.solve_fingertips(tips[:3], joints[:2])
     with pytest.raises(ValueError, match="as many rows"):
         kernels.solve_pads(tips[:2], tips[:1], joints[:2])
+    with pytest.raises(ValueError, match="as many rows"):
+        kernels.contact_torques(joints[:2], tips[:2], tips[:1])
 
 
 def test_what_is_not_a_number_stays_within_its_finger(joints):
@@ -65,9 +68,27 @@ def test_what_is_not_a_number_stays_within_its_finger(joints):
 
 
 def test_torques_do_the_work_of_the_forces(joints, rng):
-    forces, change = rng.normal(size=(4, 3)), 1e-6 * rng.normal(size=16)
-    for hand in joints[:3]:
-        tips = kernels.fingertips(hand)
-        torques = kernels.contact_torques(hand, tips, forces)
-        moved = kernels.fingertips(hand + change) - tips
-        assert torques @ change == pytest.approx((forces * moved).sum(), rel=1e-3, abs=1e-9)
+    """They are J^T f: each joint's is what the contact points gain along the forces when it turns."""
+    hands, turn = joints[:5], 1e-6
+    forces = rng.normal(size=(5, 4, 3))
+    tips = kernels.fingertips(hands)
+    torques = kernels.contact_torques(hands, tips, forces)
+    for joint in range(16):
+        change = np.zeros(16)
+        change[joint] = turn
+        moved = kernels.fingertips(hands + change) - kernels.fingertips(hands - change)
+        expected = (forces * moved).sum((1, 2)) / (2 * turn)
+        assert torques[:, joint] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_force_loads_its_own_finger_only_and_acts_where_it_touches(joints, rng):
+    hand, forces = joints[0], np.zeros((4, 3))
+    forces[2] = rng.normal(size=3)
+    tips, (pads, _) = kernels.fingertips(hand), kernels.pads(hand)
+    at_tip, at_pad = (kernels.contact_torques(hand, points, forces) for points in (tips, pads))
+    assert not np.delete(at_tip, range(8, 12)).any()
+    assert np.abs(at_tip[8:12]).min() > 1e-4
+    assert not np.allclose(at_tip, at_pad)
+    origins, axes, _ = kernels.frames(hand)
+    expected = [axes[2, k] @ np.cross(pads[2] - origins[2, k], forces[2]) for k in range(4)]
+    assert at_pad[8:12] == pytest.approx(expected, abs=1e-12)

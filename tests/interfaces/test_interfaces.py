@@ -1,225 +1,166 @@
+"""What every interface promises: rows alone, resets by row, refusals that leave nothing behind."""
+
+import itertools
 import subprocess
 import sys
 
 import pytest
 import torch
-from interface_cases import LEARNED, METHODS, STATE, TACTILE, drafts, hand_poses, observation, row
+from interface_cases import METHODS, STATE, TACTILE, drafts, memory, observation, row
 
-from lerobot_dexflex.conventions import DRAFT_HORIZON
-from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
-from lerobot_dexflex.interfaces import Method
-from lerobot_dexflex.interfaces.filter import FilterInterface
-from lerobot_dexflex.interfaces.joint import JointInterface
-from lerobot_dexflex.interfaces.raw import RawInterface
-
-TOLERANCE = {name: 2e-5 if name in LEARNED else 0.0 for name in METHODS} | {"reflex": 1e-12}
-"""What a row may differ by in another batch [rad]: networks, and torch where `reflex` sums taxels, may add up
-in another order there. What is computed element by element or by `hand.kernels` cannot."""
+from lerobot_dexflex.interfaces import Method, make_interface
+from lerobot_dexflex.interfaces.commanded_hand import CommandedHand
 
 
-def test_joint_returns_the_first_targets_and_knows_where_they_put_the_fingertips():
-    interface, draft = JointInterface(), drafts("joint", 2)
-    assert torch.equal(interface.step(observation(2), draft), draft[:, 0])
-    torch.testing.assert_close(interface.command, fingertips(draft[:, 0]))
+def episode(name, rows, steps=6):
+    """Yield observations and drafts of a batch of hands."""
+    for k in range(steps):
+        yield observation(rows, seed=k), drafts(name, rows, seed=10 + k, size=0.004)
 
 
-@pytest.mark.parametrize("arm", [0, 7])
-def test_raw_moves_the_commanded_fingertips_by_exactly_the_first_displacement(arm):
-    interface, draft = RawInterface(), drafts("raw", 3)
-    measured = observation(3, arm=arm)[STATE][:, -16:]
-    joints = interface.step(observation(3, arm=arm), draft)
-    wanted = fingertips(measured) + draft[:, 0]
-    torch.testing.assert_close(interface.command, wanted)
-    torch.testing.assert_close(joints, solve_fingertips(wanted, measured))
-
-
-def test_raw_ties_the_posture_to_the_previous_command_and_not_to_the_measured_hand():
-    interface, draft = RawInterface(), drafts("raw", 1)
-    first = interface.step(observation(1), draft)
-    second = interface.step(observation(1, seed=5), draft)
-    expected = solve_fingertips(fingertips(observation(1)[STATE][:, -16:]) + 2 * draft[:, 0], first)
-    torch.testing.assert_close(second, expected)
-
-
-def test_raw_replays_recorded_commanded_fingertips_to_the_recorded_joints():
-    joints, interface = hand_poses(1), RawInterface()
-    start = {STATE: joints}
-    recorded, command = [], fingertips(joints)
-    steps = drafts("raw", 20, size=0.003)[:, :1]
-    for k in range(20):
-        command = command + steps[k]
-        joints = solve_fingertips(command, joints)
-        recorded.append(joints)
-    replayed = [interface.step(start, steps[k : k + 1]) for k in range(20)]
-    torch.testing.assert_close(torch.stack(replayed), torch.stack(recorded), rtol=0, atol=1e-9)
-
-
-def test_filter_averages_with_its_weight_and_then_clips_each_axis():
-    interface = FilterInterface(smoothing=0.25, clip=0.002)
-    start = fingertips(observation(1)[STATE][:, -16:])
-    first, second = torch.zeros(2, 1, DRAFT_HORIZON, 4, 3, dtype=torch.float64)
-    first[..., 0], second[..., 0], second[..., 1] = 0.001, 0.005, -0.020
-    interface.step(observation(1), first)
-    interface.step(observation(1), second)
-    # Averages after the second step: x 0.75 * 1 + 0.25 * 5 = 2 mm, y 0.25 * -20 = -5 mm, clipped to -2 mm.
-    moved = torch.tensor([0.001 + 0.002, -0.002, 0.0], dtype=torch.float64).expand(1, 4, 3)
-    assert interface.command is not None
-    torch.testing.assert_close(interface.command - start, moved)
-
-
-def test_filter_without_smoothing_and_clip_is_raw():
-    ours, raw, draft = FilterInterface(smoothing=1, clip=1), RawInterface(), drafts("raw", 2)
-    for k in range(3):
-        assert torch.equal(ours.step(observation(2, k), draft), raw.step(observation(2, k), draft))
+@pytest.mark.parametrize("rows", [3, 17])
+@pytest.mark.parametrize("name", METHODS)
+def test_a_batch_does_what_its_rows_do_alone_to_the_last_bit(name, rows):
+    together, alone = make_interface(name), [make_interface(name) for _ in range(rows)]
+    for k, (seen, draft) in enumerate(episode(name, rows)):
+        if k == 3:
+            mask = torch.arange(rows) % 2 == 0
+            together.reset(mask)
+            for single, again in zip(alone, mask, strict=True):
+                single.reset(again[None])
+        whole = together.step(seen, draft)
+        for i, single in enumerate(alone):
+            assert torch.equal(single.step(row(seen, i), draft[i : i + 1])[0], whole[i])
+            assert single.motion is not None
+            assert together.motion is not None
+            assert torch.equal(single.motion[0], together.motion[i])
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_a_batch_does_what_its_rows_do_alone(make, name):
-    together, alone = make(name), [make(name) for _ in range(3)]
-    for k in range(4):
-        seen, draft = observation(3, seed=k), drafts(name, 3, seed=10 + k)
-        rows = [alone[i].step(row(seen, i), draft[i : i + 1]) for i in range(3)]
-        torch.testing.assert_close(together.step(seen, draft), torch.cat(rows), rtol=0, atol=TOLERANCE[name])
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_resetting_a_row_restarts_that_row_only(make, name):
-    ours, untouched, restarted = (make(name) for _ in range(3))
-    for interface in (ours, untouched):
-        interface.step(observation(2), drafts(name, 2))
+def test_resetting_a_row_restarts_that_row_only(name):
+    ours, untouched, restarted = (make_interface(name) for _ in range(3))
+    steps = list(episode(name, 2))
+    for interface, (seen, draft) in itertools.product((ours, untouched), steps[:3]):
+        interface.step(seen, draft)
     ours.reset(torch.tensor([False, True]))
-    seen, draft = observation(2, seed=3), drafts(name, 2, seed=4)
-    result = ours.step(seen, draft)
-    near = {"rtol": 0, "atol": TOLERANCE[name]}
-    torch.testing.assert_close(result[0], untouched.step(seen, draft)[0], **near)
-    torch.testing.assert_close(result[1], restarted.step(seen, draft)[1], **near)
-    assert ours.command is not None
-    assert restarted.command is not None
-    torch.testing.assert_close(ours.command[1], restarted.command[1], **near)
+    for seen, draft in steps[3:]:
+        result = ours.step(seen, draft)
+        assert torch.equal(result[0], untouched.step(seen, draft)[0])
+        assert torch.equal(result[1], restarted.step(seen, draft)[1])
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_the_command_begins_at_the_measured_hand_and_is_unknown_before(make, name):
-    interface = make(name)
-    assert interface.command is None
-    torch.testing.assert_close(interface.start(observation(2)), fingertips(observation(2)[STATE][:, -16:]))
+def test_a_reset_of_all_forgets_everything_and_the_batch_may_change(name):
+    ours, fresh = make_interface(name), make_interface(name)
+    for seen, draft in episode(name, 2, steps=3):
+        ours.step(seen, draft)
+    ours.reset()
+    for seen, draft in episode(name, 5, steps=3):
+        assert torch.equal(ours.step(seen, draft), fresh.step(seen, draft))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_there_is_no_motion_before_the_first_step(name):
+    interface = make_interface(name)
+    assert interface.motion is None
     interface.step(observation(2), drafts(name, 2))
-    interface.reset()
-    assert interface.command is None
+    assert interface.motion is not None
+    assert interface.motion.shape == (2, 4, 3)
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_rows_that_were_just_reset_begin_at_the_initial_command_and_others_ignore_it(make, name):
-    interface, initial = make(name), hand_poses(2, seed=8)
-    torch.testing.assert_close(interface.start(observation(2), initial), fingertips(initial))
-    interface.step(observation(2), drafts(name, 2))
-    interface.reset(torch.tensor([True, False]))
-    before, other = interface.command, hand_poses(2, seed=9)
-    assert before is not None
-    command = interface.start(observation(2), other)
-    torch.testing.assert_close(command[0], fingertips(other)[0])
-    assert torch.equal(command[1], before[1])
-    assert torch.equal(interface.start(observation(2), initial), command)
-
-
-def test_a_step_after_start_moves_on_from_the_initial_command():
-    interface, initial, draft = RawInterface(), hand_poses(2, seed=8), drafts("raw", 2)
-    interface.start(observation(2), initial)
-    wanted = solve_fingertips(fingertips(initial) + draft[:, 0], initial)
-    torch.testing.assert_close(interface.step(observation(2), draft), wanted)
-
-
-def test_an_initial_command_of_wrong_shape_or_with_nan_is_refused():
-    interface = RawInterface()
-    with pytest.raises(DexFlexError, match=r"`initial` must be a joint command .*\(2, 16\). Got \(1, 16\)"):
-        interface.start(observation(2), hand_poses(1))
-    with pytest.raises(DexFlexError, match=r"`initial` holds NaN or infinity in rows \[1\]"):
-        interface.start(observation(2), hand_poses(2).index_fill(0, torch.tensor([1]), torch.nan))
-    assert interface.command is None
-
-
-def test_a_held_object_stays_in_the_hand_only_if_the_command_begins_at_the_squeeze():
-    env = ReachEnv(cameras=())
-    first, _ = env.reset(seed=3)
-    start, squeeze = env.snapshot(), torch.as_tensor(env.command)[None]
-    still = torch.zeros(1, DRAFT_HORIZON, 4, 3, dtype=torch.float64)
-    dropped = []
-    for initial in (squeeze, None):
-        env.restore(start)
-        interface, seen, info = RawInterface(), first, {}
-        for _ in range(30):
-            observed = {STATE: torch.as_tensor(seen["agent_pos"])[None]}
-            interface.start(observed, initial)
-            seen, _, _, _, info = env.step(interface.step(observed, still)[0].numpy())
-        dropped.append(info["dropped"])
-    assert dropped == [False, True]
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_targets_keep_the_dtype_and_work_across_inference_mode(make, name):
-    interface, draft = make(name), drafts(name, 2).float()
+def test_targets_keep_the_dtype_and_work_across_inference_mode(name):
+    interface, draft = make_interface(name), drafts(name, 2).float()
     with torch.inference_mode():
         assert interface.step(observation(2), draft).dtype == torch.float32
     interface.reset(torch.tensor([True, False]))
     interface.step(observation(2), draft)
 
 
+BROKEN = {
+    "draft with NaN": (lambda seen, draft: (seen, draft * torch.nan), r"draft holds NaN .* rows \[0, 1\]"),
+    "draft without a horizon": (lambda seen, draft: (seen, draft[:, 0]), "A draft must have shape"),
+    "draft of one row": (lambda seen, draft: (seen, draft[:1]), "A draft must have shape"),
+    "encoder with infinity": (
+        lambda seen, draft: ({**seen, STATE: seen[STATE] / 0.0}, draft),
+        r"'observation.state' holds NaN or infinity in rows \[0, 1\]",
+    ),
+    "no encoder": (lambda seen, draft: ({TACTILE: seen[TACTILE]}, draft), "lacks 'observation.state'"),
+    "few joints": (lambda seen, draft: ({**seen, STATE: seen[STATE][:, :12]}, draft), r"\(batch, >= 16\)"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
 @pytest.mark.parametrize("name", METHODS)
-def test_bad_input_is_refused_and_leaves_the_command_alone(make, name):
-    interface, draft = make(name), drafts(name, 2)
-    interface.step(observation(2), draft)
-    before = interface.command
-    assert before is not None
-    broken = draft.clone()
-    broken[1, 0] = torch.nan
-    blind = observation(2)
-    blind[STATE][0, -1] = torch.inf
-    cases = [
-        (observation(2), broken, r"NaN or infinity in rows \[1\]"),
-        (blind, draft, r"'observation.state' holds NaN or infinity in rows \[0\]"),
-        ({}, draft, "lacks 'observation.state'"),
-        ({STATE: torch.zeros(2, 12)}, draft, r"shape \(batch, >= 16\)"),
-        (observation(2), draft[:, 0], "A draft must have shape"),
-        (observation(2), draft[:1], "A draft must have shape"),
-        (observation(3), drafts(name, 3), "from 2 to 3 hands without a reset"),
-    ]
-    for seen, bad, message in cases:
-        with pytest.raises(DexFlexError, match=message):
-            interface.step(seen, bad)
-    assert interface.command is before
+def test_a_refused_step_leaves_nothing_behind(name, case):
+    spoil, message = BROKEN[case]
+    assert_refused(name, message, *spoil(observation(2, seed=9), drafts(name, 2)))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_step_whose_command_is_refused_at_last_leaves_nothing_behind(name, monkeypatch):
+    def refuse(hand, joints, posture=None):
+        raise DexFlexError("no such command")
+
+    execute = CommandedHand.execute
+    for before in (0, 3):
+        monkeypatch.setattr(CommandedHand, "execute", execute)
+        interface = stepped(name, before)
+        monkeypatch.setattr(CommandedHand, "execute", refuse)
+        assert_forgotten(interface, "no such command", observation(2, seed=9), drafts(name, 2))
+
+
+def stepped(name, steps):
+    """Return an interface after so many steps."""
+    interface = make_interface(name)
+    for seen, draft in episode(name, 2, steps):
+        interface.step(seen, draft)
+    return interface
+
+
+def assert_refused(name, message, seen, draft):
+    """A step is refused and forgotten, as the first of an episode and later."""
+    for before in (0, 3):
+        assert_forgotten(stepped(name, before), message, seen, draft)
+
+
+def assert_forgotten(interface, message, seen, draft):
+    before = memory(interface)
+    with pytest.raises(DexFlexError, match=message):
+        interface.step(seen, draft)
+    after = memory(interface)
+    assert after.keys() == before.keys()
+    assert [key for key in after if after[key] is not before[key]] == []
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_another_batch_or_a_mask_of_another_size_is_refused(name):
+    interface = make_interface(name)
+    interface.step(observation(2), drafts(name, 2))
+    with pytest.raises(DexFlexError, match="from 2 to 3 hands without a reset"):
+        interface.step(observation(3), drafts(name, 3))
     with pytest.raises(DexFlexError, match="one bool per row"):
         interface.reset(torch.tensor([True]))
 
 
+@pytest.mark.parametrize("name", [name for name in METHODS if name.startswith("p")])
+def test_touch_of_another_shape_is_refused(name):
+    seen = observation(2) | {TACTILE: torch.zeros(2, 60)}
+    assert_refused(name, r"'observation.tactile' must have shape \(2, 240\)", seen, drafts(name, 2))
+
+
 @pytest.mark.parametrize("name", METHODS)
-def test_the_registry_tells_the_truth_about_the_interface(make, name):
-    assert (make(name).name, make(name).command_space) == (name, Method.parse(name).command_space)
+def test_the_registry_tells_the_truth_about_the_interface(name):
+    made = make_interface(name)
+    assert (made.name, made.command_space) == (name, Method.parse(name).command_space)
 
 
-def test_importing_the_interfaces_imports_no_networks():
-    code = "import sys, lerobot_dexflex.interfaces; print('lerobot_dexflex.controller' in sys.modules)"
+def test_importing_interfaces_and_the_loop_imports_no_networks():
+    code = (
+        "import sys, lerobot_dexflex.interfaces; print('mujoco' in sys.modules);"
+        "from lerobot_dexflex.interfaces import make_interface as make; make('press'); make('projection');"
+        "import lerobot_dexflex.commands.loop; print('lerobot_dexflex.controller' in sys.modules)"
+    )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == "False"
-
-
-def test_a_gain_scales_what_an_interface_displaces(make):
-    state, draft = observation(2), drafts("raw", 2)
-    whole, part = make("filter"), make("filter@0.4")
-    assert part.name == "filter@0.4"
-    moved = []
-    for interface in (whole, part):
-        start = interface.start(state)
-        interface.step(state, draft)
-        assert interface.command is not None
-        moved.append(interface.command - start)
-    torch.testing.assert_close(moved[1], 0.4 * moved[0])
-
-
-def test_without_touch_nothing_depends_on_it(make):
-    state, draft = observation(2), drafts("raw", 2)
-    numb = {**state, TACTILE: 5 * state[TACTILE]}
-    for name, same in (("dexflex", False), ("dexflex-notouch", True)):
-        targets = [make(name).step(seen, draft) for seen in (state, numb)]
-        assert torch.equal(*targets) == same, name
+    assert result.stdout.split() == ["False", "False"]

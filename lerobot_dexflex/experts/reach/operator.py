@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts.reach.balance import balance_forces
 from lerobot_dexflex.experts.reach.fingers import FingerStates, Mode
-from lerobot_dexflex.experts.reach.paths import PLACE_STEPS, SWING_SPEED, path_step, shortened
+from lerobot_dexflex.experts.reach.paths import destination, follow_paths, next_on_path, shortened
 from lerobot_dexflex.experts.reach.regrasp import regrasp_points
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
 from lerobot_dexflex.hand import kernels, leap
@@ -45,9 +45,8 @@ _PRELOAD_GAIN, _FRICTION_SHARE = 1.5, 0.9
 _REALIGN, _FORCE_SMOOTHING = 0.3, 0.3
 LARGEST_TORQUE = 0.55
 """Largest torque with which the grip loads a joint [N m]."""
-_LOST_AFTER, _RETURN, _RETURN_DEPTH = 3, 0.002, 0.006
-"""A finger without load for so many steps no longer carries; it goes back to its place by so much [m] per
-step, until it would be so deep [m]."""
+_LOST_AFTER = 3
+"""A finger without load for so many steps no longer carries."""
 _POSTURE_WEIGHT, _HOME = 0.01, 0.1
 """Tie to the measured posture [m/rad], and the share of the way back to the first grasp's per step."""
 _PATIENCE, _COOL_DOWN = 10, 15
@@ -151,7 +150,7 @@ class Operator:
         self._replace_lost_finger(now)
         self._gait_if_stalled(now)
         self._advance_reference(now)
-        carrying = self._carrying(now)
+        carrying = self._carrying()
         points = np.where(carrying[:, None], now.points, now.tips)
         forces, grip = self._forces(now, points, carrying)
         joints, motion = self._first_step(now, points, carrying)
@@ -231,9 +230,8 @@ class Operator:
             else:
                 fingers.timer[k] += 1
 
-    def _carrying(self, now: HandState) -> NDArray[np.bool_]:
+    def _carrying(self) -> NDArray[np.bool_]:
         """Return which fingers take part in the force balance. Shape (4,)."""
-        del now
         return (self.fingers.mode == Mode.HOLD) & (self.fingers.timer < _LOST_AFTER)
 
     def _way(self, now: HandState) -> tuple[Array, Array]:
@@ -297,39 +295,17 @@ class Operator:
         """Return the joints after this step [rad] (16,) and the motion of the tips to there [m] (4, 3)."""
         fingers = self.fingers
         moved, turned = self._ahead_of(now)
-        self._follow_paths(now)
+        follow_paths(fingers, now)
         normals = fingers.inward @ now.rotation.T
         asked = np.zeros((4, 3))
         for k in range(4):
             if carrying[k]:
                 asked[k] = moved + np.cross(turned, points[k] - now.position)
             else:
-                asked[k] = self._away(now, k, normals[k])
+                place, speed = destination(fingers, now, k)
+                asked[k] = shortened(place - now.tips[k], speed)
         joints = self._solve(now.joints, points, asked, carrying)
         return joints, kernels.fingertips(joints) - now.tips
-
-    def _away(self, now: HandState, finger: int, normal: Array) -> Array:
-        """Return the motion of a tip that does not carry [m] (3,)."""
-        fingers = self.fingers
-        mode, tip = fingers.mode[finger], now.tips[finger]
-        if mode == Mode.PARKED:
-            return shortened(fingers.park[finger] - tip, SWING_SPEED)
-        if mode == Mode.HOLD:
-            place = now.position + now.rotation @ fingers.anchor[finger] + _RETURN_DEPTH * normal
-            return shortened(place - tip, _RETURN)
-        return shortened(now.position + now.rotation @ fingers.free[finger] - tip, SWING_SPEED)
-
-    def _follow_paths(self, now: HandState) -> None:
-        """Bring lifted fingers a step further on their paths."""
-        fingers = self.fingers
-        for k in np.flatnonzero(fingers.mode > 0):
-            fingers.timer[k] += 1
-            fingers.free[k], fingers.mode[k], fingers.timer[k] = path_step(
-                fingers, k, fingers.free[k], int(fingers.mode[k]), int(fingers.timer[k])
-            )
-            if fingers.mode[k] == Mode.PLACE and fingers.timer[k] > PLACE_STEPS:
-                fingers.mode[k] = Mode.PARKED
-                fingers.park[k] = now.tips[k] - 0.015 * now.rotation @ fingers.next_inward[k]
 
     def _solve(self, joints: Array, points: Array, asked: Array, carrying: NDArray[np.bool_]) -> Array:
         """Return joints [rad] (16,) that move contact points, or the tips of free fingers, as asked [m]."""
@@ -374,9 +350,10 @@ class Operator:
                 elif fingers.mode[k] > 0:
                     if step:
                         free, mode, timer = paths[k]
-                        paths[k] = path_step(fingers, k, free, mode, timer + 1)
+                        paths[k] = next_on_path(fingers, k, free, mode, timer + 1)
                     tips[step, k] = position + whole @ paths[k][0]
                 else:
-                    tips[step, k] = now.tips[k] + (step + 1) * motion[k]
+                    place, speed = destination(fingers, now, k)
+                    tips[step, k] = now.tips[k] + shortened(place - now.tips[k], (step + 1) * speed)
         tips[0] = now.tips + motion
         return tips
