@@ -296,7 +296,6 @@ class Operator:
         fingers = self.fingers
         moved, turned = self._ahead_of(now)
         follow_paths(fingers, now)
-        normals = fingers.inward @ now.rotation.T
         asked = np.zeros((4, 3))
         for k in range(4):
             if carrying[k]:
