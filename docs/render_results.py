@@ -27,7 +27,7 @@ CONDITIONS = {
     "jitter_4mm": "±4 mm of noise on the commanded fingertips",
 }
 """Conditions and their meanings, a panel each."""
-INTERFACES = ("joint", "raw", "filter", "shrink", "dexgen", "dexgen@0.6", "dexgen@0.4", "dexflex")
+INTERFACES = ("joint", "raw", "press", "dexgen", "dexflex")
 SPREAD = 0.7
 """Width of a group of interfaces; the groups' distance is 1."""
 

@@ -35,7 +35,7 @@ SHORTER = {
     "dexflex-record": "--episodes=1 --workers=0",
     "compare_interfaces.py": "--methods=raw --episodes=1 --workers=0",
     "dexflex-corpus": "--jobs.train=1 --jobs.tune=1 --jobs.test=0 --objects_per_job=1 --steps_per_object=120 "
-    "--replays.per_shard=16 --workers=0",
+    "--workers=0",
     "dexflex-train": "--bank.rows=16 --bank.held_out_rows=8 --bank.n_pure=2 --bank.n_seeded=2 "
     + " ".join(f"--{stage}.held_out_rows=8" for stage in ("encoder_prior", "world_model", "dexgen"))
     + "".join(f" --{stage}.fit.steps=2 --{stage}.fit.batch_size=8" for stage in STAGES),
