@@ -24,7 +24,7 @@ TASKS = ("PourCup-v0", "PlaceHammer-v0", "AssembleTable-v0")
 CONDITIONS = {
     "clean": "clean commands",
     "removal_2mm": "the most loaded finger is taken off the object now and then",
-    "jitter_4mm": "±4 mm of noise on the commanded fingertips",
+    "noise_4mm": "±4 mm of noise on the planned fingertips",
 }
 """Conditions and their meanings, a panel each."""
 INTERFACES = ("joint", "raw", "press", "dexgen", "dexflex")
