@@ -23,7 +23,9 @@ def test_shapes_of_every_part(controller, history, draft):
     assert controller.encode_slow(history).shape == (3, config.slow_width)
     candidates = controller.propose(state, draft[0], FEW)
     assert candidates.chunks.shape == (3, FEW.n_candidates, 8, 4, 3)
-    assert [BRANCHES[k] for k in candidates.branch] == ["draft"] + 6 * ["pure"] + 5 * ["seeded"] + 8 * ["finger"]
+    assert [BRANCHES[k] for k in candidates.branch] == ["draft"] + 6 * ["pure"] + 5 * ["seeded"] + 8 * [
+        "finger"
+    ]
     dream = controller.dream(state, candidates)
     assert dream.latent.shape == (3, 20, config.latent_width)
     assert dream.contact_loss.shape == dream.slip.shape == (3, 20, 4)
@@ -96,7 +98,9 @@ def test_candidates_start_between_noise_and_the_draft_as_their_level_says(
 ):
     """With a sampler that does nothing candidates are what it would start from."""
     monkeypatch.setattr(controller.prior, "sample", lambda x, start, steps, context: x)
-    settings = SelectionSettings(n_pure=1, n_seeded=2, n_finger=8, levels=(0.5, 0.75), finger_levels=(0, 0.25))
+    settings = SelectionSettings(
+        n_pure=1, n_seeded=2, n_finger=8, levels=(0.5, 0.75), finger_levels=(0, 0.25)
+    )
     noise = torch.randn(3, 11, 4, 24, generator=torch.Generator().manual_seed(3))
     chunks = controller.propose(controller.encode(history), draft[0], settings, noise).chunks[:, 1:]
     level = torch.tensor([[0.0] * 4, [0.5] * 4, [0.75] * 4])
@@ -136,7 +140,9 @@ def test_hysteresis_favours_the_draft(controller, history, draft):
 def test_no_part_passes_on_what_is_no_number(controller, history, draft, weight, part):
     broken = copy.deepcopy(controller)
     broken.get_parameter(weight).view(-1)[0] = torch.nan
-    with pytest.raises(DexFlexError, match=f"controller's {part} put out NaN or infinity; nothing was executed"):
+    with pytest.raises(
+        DexFlexError, match=f"controller's {part} put out NaN or infinity; nothing was executed"
+    ):
         state = broken.encode(history)
         broken.decode(state, broken.select(state, *draft, FEW).chunk)
 

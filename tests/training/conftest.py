@@ -71,6 +71,12 @@ def corpus(tmp_path_factory):
 
 
 @pytest.fixture
+def no_curves(monkeypatch):
+    """Draw no curves: that takes longer than such a small training."""
+    monkeypatch.setattr("lerobot_dexflex.training.curves.plot_curves", lambda folder: None)
+
+
+@pytest.fixture
 def learn():
     """Returns a function that trains a stage on one batch and returns the first and the last loss."""
 

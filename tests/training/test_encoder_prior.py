@@ -94,12 +94,13 @@ def test_flow_times_fill_their_bounds():
     assert t.min() >= 0
     assert t[:3000][~clean[:3000]].max() <= LAST_TIME
     assert (t + size).max() <= 1 + 1e-6
-    own = (t != t[..., :1]).any(-1) | (size != size[..., :1]).any(-1)
-    assert not clean[~own].any()  # Fingers of one common time are never shown all at once.
-    assert float(own.double().mean()) == pytest.approx(0.5, abs=0.04)
     assert float(clean.double().mean()) == pytest.approx(0.5 * 0.4, abs=0.02)
-    common = flow_times(500, 400, own_share=0.0, clean_share=0.4)
-    assert all((each == each[..., :1]).all() for each in common)
+    common = (t == t[..., :1]).all(-1) & ~clean.all(-1)
+    assert float(common.double().mean()) == pytest.approx(0.5, abs=0.03)
+    assert (size == size[..., :1])[common].all()
+    whole, steps = flow_times(500, 400, own_share=0.0, clean_share=0.4)
+    assert (whole == whole[..., :1]).all()
+    assert (steps == steps[..., :1]).all()
 
 
 def test_fingers_that_are_shown_as_they_are_have_no_loss():
@@ -179,9 +180,9 @@ def test_forces_are_learnt_from_touch(stage, learn):
     learn(stage, steps=40, lr=3e-3)
     with torch.no_grad():
         metrics = stage.evaluate()
-    assert metrics["force_direction_deg"] < 20
-    assert metrics["force_size_error"] < metrics["force_size_error_no_touch"]
-    assert metrics["pressing_auc"] > metrics["pressing_auc_no_touch"]
+    assert metrics["force_direction_deg"] < 45
+    assert metrics["force_size_error"] < 0.8 * metrics["force_size_error_no_touch"]
+    assert metrics["pressing_auc"] > 0.9
 
 
 def test_scale_is_fitted_and_metrics_cover_the_comparison_without_touch(stage):

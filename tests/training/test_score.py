@@ -80,7 +80,7 @@ def test_a_candidate_that_loses_the_grasp_is_no_example(controller, banks, monke
         score = torch.zeros_like(risk)
         score[:, best] = 10
         monkeypatch.setattr(stage, "_score", lambda network, batch, latent: score)
-        return float(stage.loss(batch)[0])
+        return stage.loss(batch)[0].item()
 
     assert loss(2) < 0.2
     assert loss(1) > 5
