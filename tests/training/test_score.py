@@ -54,7 +54,7 @@ def test_bank_is_drawn_once(controller, splits, tmp_path):
 
 def test_score_learns_to_pick_the_candidate_near_the_plan(controller, banks, learn):
     config = ScoreConfig(fit=FitConfig(batch_size=32), outcome_weight=0.1)
-    stage = ScoreStage(controller, *banks, config)
+    stage = ScoreStage(controller, banks[0], banks[1], config)
     with torch.no_grad():
         before = stage.evaluate()
     first, last = learn(stage)
@@ -68,8 +68,8 @@ def test_score_learns_to_pick_the_candidate_near_the_plan(controller, banks, lea
 
 
 def test_a_candidate_that_loses_the_grasp_is_no_example(controller, banks, monkeypatch):
-    """With nothing but the outcome to tell candidates apart, the loss asks for the one that keeps the grasp."""
-    stage = ScoreStage(controller, *banks, ScoreConfig(fit=FitConfig(batch_size=4), tau_mm=1e6))
+    """Where the outcome alone tells candidates apart, the loss asks for the one that keeps the grasp."""
+    stage = ScoreStage(controller, banks[0], banks[1], ScoreConfig(fit=FitConfig(batch_size=4), tau_mm=1e6))
     batch = stage.batch()
     dream = controller.dream(batch.state, batch.chunks)
     risk = torch.ones_like(dream.grasp_loss)

@@ -1,5 +1,6 @@
 import math
 from types import SimpleNamespace
+from typing import cast
 
 import pytest
 import torch
@@ -36,7 +37,7 @@ def test_a_tip_slips_if_it_moves_along_the_object_not_if_it_moves_with_it():
         "loads": torch.ones(9, 4),
         "lost": torch.zeros(9, dtype=torch.bool),
     }
-    corpus, row = SimpleNamespace(columns=columns), torch.tensor([0])
+    corpus, row = cast(CorpusData, SimpleNamespace(columns=columns)), torch.tensor([0])
     assert events(corpus, row).slip.tolist() == [[False, True, False, True]]
     columns["loads"][0, 1] = 0  # What does not touch now, or not at the end, does not slip.
     columns["loads"][8, 3] = 0
@@ -66,7 +67,7 @@ def test_the_stage_learns_a_batch_of_every_event_and_leaves_the_encoder(splits, 
     controller = DexFlexController().eval().requires_grad_(False)
     before = {name: value.clone() for name, value in controller.state_dict().items()}
     stage = WorldModelStage(
-        controller, *splits, WorldModelConfig(fit=FitConfig(batch_size=48), held_out_rows=64)
+        controller, splits[0], splits[1], WorldModelConfig(fit=FitConfig(batch_size=48), held_out_rows=64)
     )
     first, last = learn(stage)
     assert last < 0.8 * first
