@@ -169,6 +169,10 @@ def test_errors_are_one_line(tmp_path, capsys):
     assert "encoder_prior, world_model" in capsys.readouterr().err
 
 
-def test_later_stages_need_something_to_start_from():
-    with pytest.raises(DexFlexError, match="init_from"):
-        TrainConfig(stages=["score"])
+@pytest.mark.parametrize(
+    ("stage", "before"),
+    [("world_model", "encoder_prior"), ("score", "world_model"), ("dexgen", "encoder_prior")],
+)
+def test_later_stages_need_something_to_start_from(stage, before):
+    with pytest.raises(DexFlexError, match=f"Without `{before}` in `stages`.*init_from"):
+        TrainConfig(stages=[stage])
