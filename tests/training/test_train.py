@@ -14,7 +14,7 @@ from lerobot_dexflex.training.bank import BankConfig, ProposalBank
 from lerobot_dexflex.training.cli import main
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.fit import _Run
-from lerobot_dexflex.training.train import STAGES, TrainConfig
+from lerobot_dexflex.training.train import STAGES, TrainConfig, Trainer
 
 pytestmark = pytest.mark.usefixtures("no_curves")  # But the trained folder is made before.
 CONFIGS = Path(__file__).parents[2] / "configs/controller"
@@ -87,6 +87,17 @@ def test_a_finished_stage_is_not_passed_off_as_one_of_other_settings(trained, co
     assert main([f"--corpus={corpus}", f"--output={trained}", *SMALL, change]) == 1
     assert re.search(named, capsys.readouterr().err, re.DOTALL)
     assert (trained / "controller/training.json").read_text() == record
+
+
+def test_stages_depend_on_those_before_and_the_baseline_on_the_first_alone(trained, corpus):
+    trainer = Trainer(TrainConfig(corpus=corpus, output=trained))
+    earlier = {stage: list(trainer.before(stage)["after"]) for stage in STAGES}
+    assert earlier == {
+        "encoder_prior": [],
+        "world_model": ["encoder_prior"],
+        "score": ["encoder_prior", "world_model"],
+        "dexgen": ["encoder_prior"],
+    }
 
 
 def test_another_corpus_is_not_passed_off_as_the_one_that_was_trained_on(trained, corpus, tmp_path, capsys):
