@@ -77,9 +77,8 @@ class TrainConfig:
             raise DexFlexError(f"`stages` must name some of {', '.join(STAGES)}. Got {self.stages}.")
         first = STAGES.index(next(s for s in STAGES if s in self.stages))
         if first and not self.init_from:
-            raise DexFlexError(
-                f"Without `{STAGES[first - 1]}` in `stages`, name a trained controller with `init_from`."
-            )
+            before = STAGES[0] if STAGES[first] == "dexgen" else STAGES[first - 1]
+            raise DexFlexError(f"Without `{before}` in `stages`, name a trained controller with `init_from`.")
         if min(self.bank.rows, self.bank.held_out_rows) < 1 or self.threads < 1:
             raise DexFlexError("`bank.rows`, `bank.held_out_rows` and `threads` must be at least 1.")
 

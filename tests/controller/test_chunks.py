@@ -1,25 +1,31 @@
 import torch
 
-from lerobot_dexflex.controller import SelectionSettings
-from lerobot_dexflex.controller.chunks import ChunkScale, distance_to, seed_chunks
+from lerobot_dexflex.controller.chunks import ChunkScale, distance_to
 
 
-def test_scale_is_isotropic_per_finger_and_inverts():
-    chunks = 0.002 * torch.randn(500, 8, 4, 3) * torch.tensor([1.0, 2.0, 3.0, 0.5])[:, None]
+def test_scale_is_isotropic_per_step_and_finger_and_inverts():
+    torch.manual_seed(0)
+    sizes = 0.001 * torch.arange(1, 9)[:, None] * torch.tensor([1.0, 2.0, 3.0, 0.5])
+    chunks = sizes[..., None] * torch.randn(500, 8, 4, 3).clamp(-5, 5)
     scale = ChunkScale()
     scale.fit(chunks)
+    torch.testing.assert_close(scale.scale, sizes, rtol=0.1, atol=0)
     values = scale.normalize(chunks)
-    assert values.shape == (500, 96)
-    assert torch.allclose(scale.restore(values), chunks, atol=1e-8)
-    assert torch.allclose(scale.scale, 0.002 * torch.tensor([1.0, 2.0, 3.0, 0.5]), rtol=0.05)
+    assert values.shape == (500, 4, 24)
+    torch.testing.assert_close(values[:, 2, 3:6], chunks[:, 1, 2] / scale.scale[1, 2])
+    torch.testing.assert_close(scale.restore(values), chunks, rtol=1e-5, atol=1e-9)
 
 
-def test_seeds_cycle_over_levels_then_kinds():
-    draft, past = torch.ones(1, 8, 4, 3), torch.zeros(1, 8, 4, 3)
-    past[:, -1] = 3.0
-    settings = SelectionSettings(n_seeded=8, levels=(0.5, 0.75), seeds=("draft", "mean", "0.5"))
-    values = seed_chunks(draft, past, settings)[0, :, 0, 0, 0]
-    assert values.tolist() == [1, 1, 2, 2, 0.5, 0.5, 1, 1]
+def test_a_wild_chunk_reaches_the_networks_bounded():
+    scale = ChunkScale()
+    assert scale.normalize(torch.full((1, 8, 4, 3), 10.0)).tolist() == [[[6.0] * 24] * 4]
+
+
+def test_a_finger_that_never_moves_leaves_the_scale_positive():
+    scale = ChunkScale()
+    scale.fit(torch.zeros(5, 8, 4, 3))
+    assert scale.scale.min() > 0
+    assert scale.normalize(torch.zeros(1, 8, 4, 3)).eq(0).all()
 
 
 def test_distance_is_the_rms_over_fingertips_in_millimetres():

@@ -17,8 +17,8 @@ def test_config_survives_json(tmp_path):
     [
         {"embodiment": "allegro"},
         {"rate": 50.0},
-        {"format": 2},
-        {"draft_definition": "tips"},
+        {"format": 1},
+        {"draft_definition": "commanded_displacement"},
         {"frames": (0, 1)},
     ],
     ids=lambda change: next(iter(change)),
@@ -26,6 +26,15 @@ def test_config_survives_json(tmp_path):
 def test_config_of_another_hand_rate_or_format_is_refused(change):
     with pytest.raises(DexFlexError, match=next(iter(change))):
         ControllerConfig(**change)
+
+
+def test_a_controller_of_the_old_drafts_is_refused_with_the_remedy(tmp_path):
+    """Also where the rest of it is of another format, as that of older versions is."""
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps({"format": 1, "draft_definition": "commanded_displacement"}))
+    remedy = r"drafts are 'commanded_displacement'.*measured.*Train it anew with `dexflex-corpus`.*shipped"
+    with pytest.raises(DexFlexError, match=rf"config\.json.*{remedy}"):
+        ControllerConfig.load(path)
 
 
 def test_config_checks_the_hand_and_the_rate_it_runs_at():

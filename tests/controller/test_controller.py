@@ -1,3 +1,4 @@
+import copy
 import dataclasses
 import json
 
@@ -5,9 +6,10 @@ import pytest
 import torch
 
 from lerobot_dexflex.controller import ControllerConfig, DexFlexController, SelectionSettings
+from lerobot_dexflex.controller.chunks import BRANCHES, FINGER
 from lerobot_dexflex.errors import DexFlexError
 
-FEW = SelectionSettings(use_residual=True, n_pure=6, n_seeded=5)
+FEW = SelectionSettings(n_pure=6, n_seeded=5, n_finger=8)
 
 
 def row(values, k):
@@ -19,31 +21,45 @@ def test_shapes_of_every_part(controller, history, draft):
     state = controller.encode(history)
     assert state.latent.shape == (3, config.latent_width)
     assert controller.encode_slow(history).shape == (3, config.slow_width)
-    candidates = controller.propose(state, *draft, FEW)
-    assert candidates.chunks.shape == (3, 12, 8, 4, 3)
-    assert candidates.branch.tolist() == [0] + 6 * [1] + 5 * [2]
-    assert torch.equal(candidates.chunks[:, 0], draft[0])
+    candidates = controller.propose(state, draft[0], FEW)
+    assert candidates.chunks.shape == (3, FEW.n_candidates, 8, 4, 3)
+    assert [BRANCHES[k] for k in candidates.branch] == ["draft"] + 6 * ["pure"] + 5 * ["seeded"] + 8 * [
+        "finger"
+    ]
     dream = controller.dream(state, candidates)
-    assert dream.latent.shape == (3, 12, config.latent_width)
-    assert dream.contact_loss.shape == (3, 12, 4)
-    assert dream.grasp_loss.shape == (3, 12)
+    assert dream.latent.shape == (3, 20, config.latent_width)
+    assert dream.contact_loss.shape == dream.slip.shape == (3, 20, 4)
+    assert dream.grasp_loss.shape == (3, 20)
     score = controller.score(state, draft[0], draft[1], candidates, dream.latent)
-    assert score.shape == (3, 12)
-    residual = controller.decode(state, candidates.chunks[:, 1], dream.latent[:, 1])
-    assert residual.shape == (3, 16)
-    assert residual.abs().max() <= config.residual_bound
+    assert score.shape == (3, 20)
+    forces = controller.decode(state, candidates.chunks[:, 1])
+    assert forces.vector.shape == (3, 4, 3)
+    assert forces.pressing.shape == (3, 4)
+
+
+def test_the_first_candidate_is_the_draft_and_of_finger_candidates_one_finger_is_drawn(
+    controller, history, draft
+):
+    candidates = controller.propose(controller.encode(history), draft[0], FEW)
+    assert torch.equal(candidates.chunks[:, 0], draft[0])
+    alone = candidates.chunks[:, candidates.branch == FINGER]
+    moved = (alone - draft[0].unsqueeze(1)).abs().amax((2, 4))  # (batch, candidates, fingers)
+    drawn = torch.eye(4, dtype=torch.bool).repeat(2, 1).expand(3, -1, -1)
+    assert moved[~drawn].max() < 1e-8
+    assert moved[drawn].min() > 1e-5
 
 
 @pytest.mark.parametrize(
     "changes",
     [
         {},
-        {"temperature": 0.5},
         {"use_score": False},
         {"use_dream": False},
         {"n_pure": 0},
         {"n_seeded": 0},
-        {"n_seeded": 0, "n_pure": 0},
+        {"n_finger": 0},
+        {"n_seeded": 0, "n_pure": 0, "n_finger": 0},
+        {"hysteresis": 1.0},
         {"include_draft": False},
         {"nfe": 1},
         {"nfe": 3},
@@ -53,7 +69,8 @@ def test_shapes_of_every_part(controller, history, draft):
 def test_batched_decisions_equal_single_ones(controller, history, draft, changes):
     """Up to rounding: networks add up in another order in another batch."""
     settings = dataclasses.replace(FEW, **changes)
-    together = controller.select(controller.encode(history), *draft, settings)
+    whole = controller.encode(history)
+    together = controller.select(whole, *draft, settings)
     assert together.chunk.shape == (3, 8, 4, 3)
     if together.score.shape[1] > 1:  # Scores differ by 1e-6 at most; no choice hangs on that.
         assert torch.diff(together.score.sort(1).values)[:, -1].min() > 1e-3
@@ -63,27 +80,33 @@ def test_batched_decisions_equal_single_ones(controller, history, draft, changes
         alone = controller.select(state, draft[0][only], draft[1][only], settings)
         assert torch.allclose(alone.score[0], together.score[k], atol=1e-4)
         assert torch.allclose(alone.chunk[0], together.chunk[k], atol=1e-7)
-        assert torch.allclose(alone.residual[0], together.residual[k], atol=1e-6)
+        forces, others = controller.decode(state, alone.chunk), controller.decode(whole, together.chunk)
+        assert torch.allclose(forces.vector[0], others.vector[k], atol=1e-4)
 
 
 def test_same_seed_gives_the_same_candidates_and_another_seed_others(controller, history, draft):
     state = controller.encode(history)
     first, again, other = (
-        controller.propose(state, *draft, dataclasses.replace(FEW, seed=seed)).chunks for seed in (0, 0, 1)
+        controller.propose(state, draft[0], dataclasses.replace(FEW, seed=seed)).chunks for seed in (0, 0, 1)
     )
     assert torch.equal(first, again)
     assert not torch.allclose(first[:, 1:], other[:, 1:])
 
 
-def test_seeded_candidates_stay_nearer_to_the_draft_at_higher_levels(controller, history, draft):
-    state = controller.encode(history)
-    context = controller.prior.context(state)
-    seed = controller.scale.normalize(draft[0]).unsqueeze(1)
-    noise = torch.randn(3, 1, 96)
-    starts = [(1 - t) * noise + t * seed for t in (0.5, 0.75)]
-    distances = [float((start - seed).norm()) for start in starts]
-    assert distances[1] < distances[0]
-    assert controller.prior.sample(starts[1], [0.75], [1], context).shape == (3, 1, 96)
+def test_candidates_start_between_noise_and_the_draft_as_their_level_says(
+    controller, history, draft, monkeypatch
+):
+    """With a sampler that does nothing candidates are what it would start from."""
+    monkeypatch.setattr(controller.prior, "sample", lambda x, start, steps, context: x)
+    settings = SelectionSettings(
+        n_pure=1, n_seeded=2, n_finger=8, levels=(0.5, 0.75), finger_levels=(0, 0.25)
+    )
+    noise = torch.randn(3, 11, 4, 24, generator=torch.Generator().manual_seed(3))
+    chunks = controller.propose(controller.encode(history), draft[0], settings, noise).chunks[:, 1:]
+    level = torch.tensor([[0.0] * 4, [0.5] * 4, [0.75] * 4])
+    level = torch.cat([level, 1 - torch.eye(4), 1 - 0.75 * torch.eye(4)])[:, None, :, None]
+    expected = (1 - level) * controller.scale.restore(noise) + level * draft[0].unsqueeze(1)
+    torch.testing.assert_close(chunks, expected, rtol=0, atol=1e-7)
 
 
 def test_without_a_score_the_proposal_nearest_to_the_draft_is_chosen(controller, history, draft):
@@ -93,19 +116,43 @@ def test_without_a_score_the_proposal_nearest_to_the_draft_is_chosen(controller,
     assert torch.equal(selection.best, 1 + error.argmin(1))
 
 
-def test_temperature_mixes_candidates(controller, history, draft):
+def test_hysteresis_favours_the_draft(controller, history, draft):
     state = controller.encode(history)
-    cold = controller.select(state, *draft, dataclasses.replace(FEW, temperature=1e-5))
-    best = controller.select(state, *draft, FEW)
-    assert torch.allclose(cold.chunk, best.chunk, atol=1e-7)
-    hot = controller.select(state, *draft, dataclasses.replace(FEW, temperature=1e5))
-    assert torch.allclose(hot.chunk, hot.candidates.chunks.mean(1), atol=1e-6)
+    free = controller.select(state, *draft, FEW)
+    assert (free.best != 0).any()
+    behind = free.score.amax(1) - free.score[:, 0]
+    for hysteresis, obeyed in ((float(behind.max()) * 1.01, True), (float(behind.max()) * 0.99, False)):
+        best = controller.select(state, *draft, dataclasses.replace(FEW, hysteresis=hysteresis)).best
+        assert bool(best.eq(0).all()) == obeyed
 
 
-def test_output_gain_scales_the_chunk(controller, history, draft):
-    state = controller.encode(history)
-    half = controller.select(state, *draft, dataclasses.replace(FEW, output_gain=0.5)).chunk
-    assert torch.equal(2 * half, controller.select(state, *draft, FEW).chunk)
+@pytest.mark.parametrize(
+    ("weight", "part"),
+    [
+        ("encoder.body.0.weight", "encoder"),
+        ("encoder.slow.embed.0.weight", "encoder"),
+        ("prior.chunk_out.weight", "prior"),
+        ("world_model.out.weight", "world model"),
+        ("ranker.out.weight", "score"),
+        ("decoder.out.weight", "decoder"),
+    ],
+)
+def test_no_part_passes_on_what_is_no_number(controller, history, draft, weight, part):
+    broken = copy.deepcopy(controller)
+    broken.get_parameter(weight).view(-1)[0] = torch.nan
+
+    def decide():
+        state = broken.encode(history)
+        broken.decode(state, broken.select(state, *draft, FEW).chunk)
+
+    with pytest.raises(DexFlexError, match=f"'s {part} put out NaN or infinity; nothing was executed"):
+        decide()
+
+
+def test_a_draft_that_is_no_number_is_noticed_even_where_it_is_the_only_candidate(controller, history, draft):
+    only = SelectionSettings(n_pure=0, n_seeded=0, n_finger=0)
+    with pytest.raises(DexFlexError, match="NaN"):
+        controller.select(controller.encode(history), torch.full_like(draft[0], torch.nan), draft[1], only)
 
 
 def test_hidden_touch_is_never_read(controller, history):
@@ -165,7 +212,7 @@ def test_cached_slow_token_is_used(controller, history):
 
 
 def test_saving_and_loading_changes_nothing(controller, history, draft, tmp_path):
-    controller.record = {"corpus": "somewhere", "score": {"given_top1": 0.5}}
+    controller.record = {"corpus": "somewhere", "score": {"spoilt_picked_mm": 0.5}}
     controller.save_pretrained(tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {
         "config.json",
@@ -181,10 +228,11 @@ def test_saving_and_loading_changes_nothing(controller, history, draft, tmp_path
     before = controller.select(controller.encode(history), *draft, FEW)
     after = loaded.select(loaded.encode(history), draft[0], draft[1], FEW)
     assert torch.equal(before.chunk, after.chunk)
-    assert torch.equal(before.residual, after.residual)
+    forces = [each.decode(each.encode(history), before.chunk).vector for each in (controller, loaded)]
+    assert torch.equal(*forces)
     card = (tmp_path / "README.md").read_text()
     assert "leap_right" in card
-    assert "given top1" in card
+    assert "spoilt picked mm" in card
 
 
 def test_checkpoint_is_small(controller, tmp_path):
@@ -210,6 +258,7 @@ def test_foreign_or_damaged_checkpoints_are_refused(controller, tmp_path):
     for change, message in (
         ({"embodiment": "allegro"}, "allegro"),
         ({"rate": 50.0}, "rate"),
+        ({"draft_definition": "commanded_displacement"}, "Train it anew"),
         ({"prior_width": 48}, "does not hold the weights"),
     ):
         config.write_text(json.dumps(values | change))
@@ -222,17 +271,17 @@ def test_foreign_or_damaged_checkpoints_are_refused(controller, tmp_path):
         DexFlexController.from_pretrained(tmp_path)
 
 
-def test_trained_decisions_follow_gradients(history, draft):
-    """Every part that is trained by gradients gets them."""
+def test_every_part_passes_gradients_on_to_the_encoder(history, draft):
     torch.manual_seed(0)
     controller = DexFlexController()
-    torch.nn.init.normal_(controller.decoder.out.weight, std=0.1)
     state = controller.encode(history)
     dream = controller.dream(state, draft[0].unsqueeze(1))
     score = controller.score(state, draft[0], draft[1], draft[0].unsqueeze(1), dream.latent)
-    residual = controller.decode(state, draft[0], dream.latent[:, 0])
-    (score.sum() + residual.sum() + dream.grasp_loss.sum()).backward()
-    for name in ("touch.out.weight", "body.0.weight", "key_value.weight", "slow.embed.0.weight"):
-        gradient = controller.encoder.get_parameter(name).grad
-        assert gradient is not None
-        assert gradient.any(), name
+    forces = controller.decode(state, draft[0])
+    for output in (score, dream.grasp_loss, dream.slip, forces.vector, forces.pressing):
+        controller.zero_grad()
+        output.sum().backward(retain_graph=True)
+        for name in ("touch.out.weight", "body.0.weight", "key_value.weight", "slow.embed.0.weight"):
+            gradient = controller.encoder.get_parameter(name).grad
+            assert gradient is not None
+            assert gradient.any(), name

@@ -35,7 +35,7 @@ def test_noise_grows_from_none_to_nearly_all(prior):
     assert prior.signal[0] == 1
     assert prior.signal[STEPS] < 1e-3
     assert (prior.signal.diff() < 0).all()
-    x_0 = normal(2, 3, 96)
+    x_0 = normal(2, 3, 4, 24)
     level = torch.tensor([[0, 25, STEPS]]).expand(2, -1)
     noisy = prior.corrupt(x_0, level, torch.zeros_like(x_0))
     assert torch.equal(noisy[:, 0], x_0[:, 0])
@@ -44,19 +44,15 @@ def test_noise_grows_from_none_to_nearly_all(prior):
 
 @pytest.mark.parametrize("steps", [1, 8, STEPS])
 def test_with_a_perfect_denoiser_every_number_of_steps_ends_at_its_chunk(prior, monkeypatch, steps):
-    chunk = normal(2, 1, 96, seed=5)
+    chunk = normal(2, 1, 4, 24, seed=5)
     monkeypatch.setattr(prior, "denoise", lambda x, level, context: chunk)
-    found = prior.sample(normal(2, 1, 96), normal(2, 96, seed=2), 0.0, steps, prior.context(states(2)))
+    found = prior.sample(normal(2, 1, 4, 24), normal(2, 4, 24, seed=2), 0.0, steps, prior.context(states(2)))
     torch.testing.assert_close(found, chunk)
 
 
 def test_without_guidance_the_draft_is_ignored_and_with_much_of_it_the_result_is_the_draft(prior):
-    context, noise, first, second = (
-        prior.context(states(2)),
-        normal(2, 3, 96),
-        normal(2, 96),
-        normal(2, 96, seed=4),
-    )
+    context, noise = prior.context(states(2)), normal(2, 3, 4, 24)
+    first, second = normal(2, 4, 24), normal(2, 4, 24, seed=4)
     free = [prior.sample(noise, draft, 0.0, 8, context) for draft in (first, second)]
     assert torch.equal(*free)
     distances = [
@@ -68,9 +64,9 @@ def test_without_guidance_the_draft_is_ignored_and_with_much_of_it_the_result_is
 
 
 def test_weak_guidance_is_a_gradient_step_on_the_distance_to_the_draft(prior, monkeypatch):
-    clean, draft, guidance = normal(1, 1, 96, seed=5), normal(1, 96, seed=6), 1e-3
+    clean, draft, guidance = normal(1, 1, 4, 24, seed=5), normal(1, 4, 24, seed=6), 1e-3
     monkeypatch.setattr(prior, "denoise", lambda x, level, context: clean)
-    found = prior.sample(normal(1, 1, 96), draft, guidance, 1, prior.context(states(1)))
+    found = prior.sample(normal(1, 1, 4, 24), draft, guidance, 1, prior.context(states(1)))
     # One step from pure noise: 1 - signal is 1, and the gradient of |x - draft|^2 / 2 is x - draft.
     torch.testing.assert_close(found, clean - guidance * (clean - draft), rtol=0, atol=1e-5)
 
@@ -78,7 +74,7 @@ def test_weak_guidance_is_a_gradient_step_on_the_distance_to_the_draft(prior, mo
 def test_it_learns_chunks_that_depend_on_the_state():
     torch.manual_seed(0)
     prior, state = DiffusionPrior(replace(CONFIG, prior_layers=1)), states(2)
-    chunks = torch.stack([torch.full((96,), 1.0), torch.full((96,), -1.0)])
+    chunks = torch.stack([torch.full((4, 24), 1.0), torch.full((4, 24), -1.0)])
     optimizer = torch.optim.AdamW(prior.parameters(), 1e-2)
     losses = []
     for _ in range(40):
@@ -89,8 +85,17 @@ def test_it_learns_chunks_that_depend_on_the_state():
         losses.append(loss.item())
     assert losses[-1] < 0.1 * losses[0]
     with torch.no_grad():
-        found = prior.sample(normal(2, 4, 96), torch.zeros(2, 96), 0.0, 8, prior.context(state))
+        found = prior.sample(normal(2, 4, 4, 24), torch.zeros(2, 4, 24), 0.0, 8, prior.context(state))
     assert (found - chunks[:, None]).abs().mean() < 0.2
+
+
+def test_inverse_dynamics_know_nothing_of_single_contacts(prior):
+    state, chunk = states(2), normal(2, 4, 24)
+    lead = prior.lead(state, chunk)
+    assert lead.shape == (2, 16)
+    other = state._replace(contact=state.contact + 1, fingers=state.fingers + 1)
+    assert torch.equal(prior.lead(other, chunk), lead)
+    assert not torch.equal(prior.lead(state._replace(body=state.body.flip(0)), chunk), lead)
 
 
 def test_weights_are_saved_into_the_folder_and_found_again(prior, tmp_path):

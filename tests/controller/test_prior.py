@@ -1,10 +1,12 @@
+import pytest
 import torch
 
 from lerobot_dexflex.controller import ControllerConfig
 from lerobot_dexflex.controller.prior import Prior
 
 
-def make_prior():
+@pytest.fixture(scope="module")
+def prior():
     torch.manual_seed(0)
     prior = Prior(ControllerConfig(prior_width=32, prior_layers=1)).requires_grad_(False)
     for parameter in prior.parameters():
@@ -12,21 +14,50 @@ def make_prior():
     return prior
 
 
-def test_draws_do_not_depend_on_each_other_or_on_their_order(controller, history):
-    prior, context = make_prior(), None
-    context = prior.context(controller.encode(history))
-    noise = torch.randn(3, 5, 96)
-    start, steps = [0.0, 0.5, 0.75, 0.0, 0.5], [4, 2, 1, 4, 2]
-    together = prior.sample(noise, start, steps, context)
+@pytest.fixture
+def context(prior, controller, history):
+    return prior.context(controller.encode(history))
+
+
+def noise(*shape, seed=0):
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+@pytest.mark.parametrize("steps", [1, 2, 5])
+def test_a_finger_that_starts_at_one_stays_as_it_is_and_the_others_are_drawn(prior, context, steps):
+    x, start = noise(3, 4, 4, 24), torch.eye(4)
+    drawn = prior.sample(x, start, steps, context)
+    kept = start.bool()
+    assert torch.equal(drawn[:, kept], x[:, kept])
+    assert (drawn[:, ~kept] != x[:, ~kept]).any(-1).all()
+
+
+def test_a_finger_that_is_drawn_anew_answers_to_those_that_stay(prior, context):
+    start, x = torch.tensor([[0.0, 1.0, 1.0, 1.0]]), noise(3, 1, 4, 24)
+    other = x.clone()
+    other[:, :, 2] += 1
+    drawn, changed = (prior.sample(each, start, 2, context)[:, :, 0] for each in (x, other))
+    assert (drawn - changed).abs().amax(-1).min() > 1e-3
+
+
+def test_draws_do_not_depend_on_each_other_or_on_their_order(prior, context):
+    x, start = noise(3, 5, 4, 24), torch.rand(5, 4, generator=torch.Generator().manual_seed(1))
+    together = prior.sample(x, start, 3, context)
     for i in range(5):
-        alone = prior.sample(noise[:, i : i + 1], start[i : i + 1], steps[i : i + 1], context)
+        alone = prior.sample(x[:, i : i + 1], start[i : i + 1], 3, context)
         assert torch.allclose(alone[:, 0], together[:, i], atol=1e-5)
 
 
-def test_last_step_lands_on_the_aim(controller, history):
-    prior = make_prior()
-    context = prior.context(controller.encode(history))
-    x = torch.randn(3, 2, 96)
-    t, size = torch.full((3, 2), 0.75), torch.full((3, 2), 0.25)
-    sampled = prior.sample(x, [0.75, 0.75], [1, 1], context)
-    assert torch.allclose(sampled, prior.aim(x, t, size, context), atol=1e-5)
+def test_last_step_lands_on_the_aim(prior, context):
+    x, t = noise(3, 2, 4, 24), torch.tensor([0.0, 0.25, 0.5, 0.75]).expand(2, 4)
+    times = t.expand(3, -1, -1)
+    sampled = prior.sample(x, t, 1, context)
+    assert torch.allclose(sampled, prior.aim(x, times, 1 - times, context), atol=1e-5)
+
+
+def test_a_step_of_the_sampler_follows_the_velocity(prior, context):
+    """Of two steps from time 0 the first goes half the velocity's way, the second to where it points."""
+    x, half = noise(3, 1, 4, 24), torch.full((3, 1, 4), 0.5)
+    middle = x + 0.5 * prior.velocity(x, torch.zeros_like(half), half, context)
+    sampled = prior.sample(x, torch.zeros(1, 4), 2, context)
+    assert torch.allclose(sampled, middle + 0.5 * prior.velocity(middle, half, half, context), atol=1e-5)

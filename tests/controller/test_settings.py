@@ -4,21 +4,23 @@ from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.errors import DexFlexError
 
 
-def test_default_is_16_candidates():
-    assert SelectionSettings().n_candidates == 16
+def test_default_is_64_candidates():
+    assert SelectionSettings().n_candidates == 64
 
 
 @pytest.mark.parametrize(
     "values",
     [
-        {"n_pure": 0, "n_seeded": 0, "include_draft": False, "project": False},
+        {"n_pure": 0, "n_seeded": 0, "n_finger": 0, "include_draft": False},
         {"n_pure": -1},
         {"levels": ()},
         {"levels": (1.0,)},
-        {"seeds": ("future",)},
+        {"finger_levels": ()},
+        {"finger_levels": (-0.1,)},
         {"nfe": 0},
         {"prefix": 9},
-        {"temperature": -1.0},
+        {"hysteresis": -1.0},
+        {"grip": float("nan")},
     ],
     ids=str,
 )

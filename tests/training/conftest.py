@@ -1,28 +1,21 @@
-import json
-
 import pytest
 import torch
-from safetensors.torch import save_file
 
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips, solve_fingertips
+from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS
+from lerobot_dexflex.corpus.shard import Shard, shard_path, write_shard
+from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, finger_frames, fingertips
 
-EPISODES, STEPS, REPLAYS = 6, 48, 40
+EPISODES, STEPS = 6, 48
+AHEAD = torch.arange(1, 9)[:, None, None]
 
 
 def make_corpus(root, seed=0):
-    """Write a small corpus in the schema; labels depend on touch, and operators are disturbed."""
+    """Write a small corpus in the schema: plans and forces depend on touch, drafts are spoilt at times."""
     generator = torch.Generator().manual_seed(seed)
     for split in ("train", "tune"):
-        shards = [_shard(generator) for _ in range(2)]
-        for number, shard in enumerate(shards):
-            _save(shard, root / split / f"{number:05d}.safetensors")
-        _save(_replays(shards[-1], generator), root / "replays" / split / "00000.safetensors")
+        for number in range(2):
+            write_shard(shard_path(root / split, number), _shard(generator))
     return root
-
-
-def _save(tensors, path):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    save_file({k: v.contiguous() for k, v in tensors.items()}, path, metadata={"episodes": json.dumps([])})
 
 
 def _shard(generator):
@@ -31,59 +24,76 @@ def _shard(generator):
     def noise(*shape):
         return torch.randn(EPISODES, *shape, generator=generator)
 
-    kind = torch.tensor([0, 1, 2, 3, 0, 4], dtype=torch.uint8)
-    operated = ((kind == 1) | (kind == 3)).view(-1, 1, 1)
     joints = (JOINT_LOWER + JOINT_UPPER).float() / 2 + 0.2 * noise(16)
-    target, command, phase = joints, fingertips(joints), 3 * noise(4)
-    gravity = torch.nn.functional.normalize(noise(3), dim=-1)
+    phase, gravity = 3 * noise(4), torch.nn.functional.normalize(noise(3), dim=-1)
+    pose = torch.cat([0.1 + 0.01 * noise(3), torch.nn.functional.normalize(noise(4), dim=-1)], -1)
     steps = []
     for step in range(STEPS):
-        loads = (0.5 * torch.sin(step / 6 + phase)).clamp(min=0)
-        label = 0.001 * (loads[..., None] - 0.2) * torch.tensor([1.0, -1.0, 0.5])
-        draft = label + operated * 0.001 * noise(4, 3)
-        wanted = torch.cat([command + label, command + draft]).double()
-        solved = solve_fingertips(wanted, target.double().repeat(2, 1), iterations=1).float()
-        label_joints, target = solved.split(EPISODES)
+        loads = (2 * torch.sin(step / 6 + phase)).clamp(min=0)
+        tips = fingertips(joints)
+        plan = 0.001 * AHEAD * (loads[:, None, :, None] - 1) * torch.tensor([1.0, -1.0, 0.5])
+        spoilt = torch.arange(EPISODES) % 2 == (step // 12) % 2
+        draft = plan + spoilt.view(-1, 1, 1, 1) * 0.003 * noise(1, 4, 3)
+        local = loads[..., None] * torch.tensor([0.6, 0.0, 0.8])
+        rotation = finger_frames(joints).distal_rotation
+        pose = torch.cat([pose[:, :3] + 0.002 * noise(3), pose[:, 3:]], -1)
         row = {
             "joints": joints,
-            "fingertips": fingertips(joints),
+            "fingertips": tips,
             "gravity": gravity,
-            "tactile": (loads / 60).repeat_interleave(60, -1).half(),
-            "command": command,
+            "tactile": (loads / 60).repeat_interleave(60, -1),
             "draft": draft,
-            "label": label,
-            "executed": draft,
-            "joint_targets": target,
-            "label_joints": label_joints,
+            "plan": plan,
+            "forces": (rotation @ local[..., None]).squeeze(-1),
+            "wanted": tips + draft[:, 0],
+            "joint_targets": joints + 0.05 * loads.repeat_interleave(4, -1),
             "loads": loads,
-            "expert": (kind == 0) | (kind == 2),
+            "object": pose,
+            "expert": ~spoilt,
             "lost": (loads > 0.05).sum(1) < 2,
-            "step": torch.full((EPISODES,), step, dtype=torch.int16),
-            "episode": torch.arange(EPISODES, dtype=torch.int32),
-            "kind": kind,
+            "step": torch.full((EPISODES,), step),
+            "episode": torch.arange(EPISODES),
+            "kind": torch.arange(EPISODES) % 2,
         }
         steps.append(row)
-        command, joints = command + draft, target + 0.002 * noise(16)
-    return {key: torch.stack([row[key] for row in steps], 1).flatten(0, 1) for key in steps[0]}
-
-
-def _replays(shard, generator):
-    rows = torch.randint(10, STEPS - 9, (REPLAYS,), generator=generator)
-    ahead = rows[:, None] + torch.arange(1, 9)
-    return {
-        "shard": torch.ones(REPLAYS, dtype=torch.int32),
-        "row": rows.int(),
-        "source": (torch.arange(REPLAYS) % 4).to(torch.uint8),
-        "chunk": shard["executed"][ahead - 1],
-        "joints": shard["joints"][ahead],
-        "fingertips": shard["fingertips"][ahead],
-        "tactile": shard["tactile"][ahead],
-        "loads": shard["loads"][ahead],
-        "lost": shard["lost"][ahead - 1].any(1),
-        "object_motion": torch.zeros(REPLAYS, 2),
-    }
+        joints = joints + 0.02 * noise(16)
+    tensors = {key: torch.stack([row[key] for row in steps], 1).flatten(0, 1) for key in steps[0]}
+    tensors |= {"snapshot_step": torch.zeros(1), "snapshot_physics": torch.zeros(1, 2)}
+    tensors |= {"snapshot_command": torch.zeros(1, 16)}
+    types = {**COLUMNS, **SNAPSHOT_COLUMNS}
+    typed = {key: value.numpy().astype(types[key].dtype) for key, value in tensors.items()}
+    return Shard(typed, [{} for _ in range(EPISODES)], {})
 
 
 @pytest.fixture(scope="session")
 def corpus(tmp_path_factory):
     return make_corpus(tmp_path_factory.mktemp("corpus"))
+
+
+@pytest.fixture
+def no_curves(monkeypatch):
+    """Draw no curves: that takes longer than such a small training."""
+    monkeypatch.setattr("lerobot_dexflex.training.curves.plot_curves", lambda folder: None)
+
+
+@pytest.fixture
+def learn():
+    """Returns a function that trains a stage on one batch and returns the first and the last loss."""
+
+    def learn(stage, steps=25, lr=2e-3):
+        batch = stage.batch()
+        optimizer = torch.optim.AdamW(stage.network.parameters(), lr=lr)
+        losses = []
+        for _ in range(steps):
+            torch.manual_seed(0)
+            loss, info = stage.loss(batch)
+            assert all(torch.isfinite(v) for v in info.values())
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            losses.append(float(loss.detach()))
+        stage.average.load_state_dict(stage.network.state_dict())
+        stage.network.eval().requires_grad_(False)
+        return losses[0], losses[-1]
+
+    return learn

@@ -2,8 +2,10 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from lerobot_dexflex.controller import HistoryBuffer
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.training.corpus_data import FAILED, CorpusData, ReplayData
+from lerobot_dexflex.hand.kinematics import finger_frames
+from lerobot_dexflex.training.corpus_data import CorpusData
 
 
 @pytest.fixture(scope="module")
@@ -11,10 +13,10 @@ def data(corpus):
     return CorpusData(corpus, "train")
 
 
-def test_all_shards_are_read_and_episodes_stay_apart(corpus, data):
+def test_all_shards_are_read_and_episodes_stay_apart(data):
     assert len(data) == 2 * 6 * 48
     assert data.columns["tactile"].dtype == torch.float16
-    assert len(data.columns["episode"].unique()) == 12
+    assert torch.equal(data.columns["episode"], torch.arange(12).repeat_interleave(48))
 
 
 def test_history_looks_back_within_the_episode(data):
@@ -29,8 +31,6 @@ def test_history_looks_back_within_the_episode(data):
 
 
 def test_history_equals_what_the_buffer_gathers_at_run_time(data):
-    from lerobot_dexflex.controller import HistoryBuffer
-
     buffer = HistoryBuffer()
     for row in range(48, 96):
         columns = data.columns
@@ -45,56 +45,36 @@ def test_history_equals_what_the_buffer_gathers_at_run_time(data):
         stored = data.history(torch.tensor([row]))
         for name, a, b in zip(live._fields, live, stored, strict=True):
             assert torch.allclose(a.float(), b.float(), atol=1e-6), (row, name)
-        assert torch.equal(buffer.drafts, data.before("draft", torch.tensor([row])))
-        buffer.remember(columns["draft"][row].expand(1, 8, 4, 3))
+        assert torch.equal(buffer.drafts, data.drafts_before(torch.tensor([row])))
+        buffer.remember(data.draft(torch.tensor([row])))
 
 
-def test_chunks_never_cross_episodes_and_expert_chunks_are_the_experts(data):
-    expert, labelled = data.chunk_rows(expert=True), data.chunk_rows(expert=False)
-    assert not set(expert.tolist()) & set(labelled.tolist())
-    for rows in (expert, labelled):
-        assert (data.columns["kind"][rows] != FAILED).all()
-        assert torch.equal(data.ahead("step", rows)[:, -1], data.columns["step"][rows] + 7)
-        assert (data.ahead("episode", rows) == data.columns["episode"][rows, None]).all()
-    assert data.ahead("expert", expert).all()
-    assert torch.equal(data.clean_chunk(expert), data.ahead("executed", expert))
-    assert len(data.transition_rows()) == 12 * 40
+def test_transitions_end_in_their_episode_and_execute_what_was_wanted(data):
+    rows, columns = data.transition_rows(), data.columns
+    assert torch.equal(columns["step"][rows + 8], columns["step"][rows] + 8)
+    assert columns["step"][rows].max() == 48 - 1 - 8
+    executed = data.executed(rows)
+    for ahead in (0, 7):
+        expected = columns["wanted"][rows + ahead] - columns["fingertips"][rows]
+        assert torch.equal(executed[:, ahead], expected)
+    # The first step that is executed is the draft's: the same definition.
+    torch.testing.assert_close(executed[:, 0], data.draft(rows)[:, 0], rtol=0, atol=1e-5)
 
 
-def test_clean_chunk_undoes_what_the_label_takes_back(data):
-    """An operator with a fixed target course c*: u = (c*_t - c*_{t-1}) + 0.2 (c*_{t-1} - c)."""
-    generator = torch.Generator().manual_seed(0)
-    course = 0.001 * torch.randn(12, 4, 3, generator=generator).cumsum(0)
-    executed, label, command = [], [], course[0] + 0.003
-    clean, clean_command = [], command
-    for k in range(1, 9):
-        move = course[k] - course[k - 1]
-        label.append(move + 0.2 * (course[k - 1] - command))
-        executed.append(label[-1] + 0.002 * torch.randn(4, 3, generator=generator))
-        command = command + executed[-1]
-        clean.append(move + 0.2 * (course[k - 1] - clean_command))
-        clean_command = clean_command + clean[-1]
-    data.columns["label"][96:104], data.columns["executed"][96:104] = (
-        torch.stack(label),
-        torch.stack(executed),
-    )
-    assert torch.allclose(data.clean_chunk(torch.tensor([96]))[0], torch.stack(clean), atol=1e-6)
+def test_nothing_is_learnt_where_the_object_was_lost_before(data):
+    lost, step, rows = data.columns["lost"], data.columns["step"], data.rows()
+    usable = torch.tensor([k for k in range(len(data)) if step[k] == 0 or not lost[k - 1]])
+    assert torch.equal(rows, usable)
+    assert 0 < len(rows) < len(data)
 
 
-def test_replays_begin_and_end_in_the_right_states(corpus):
-    data = CorpusData(corpus, "train")
-    replays = ReplayData(corpus, "train", data)
-    batch = replays.batch(torch.arange(len(replays)))
-    later = data.history(batch.rows + 8)
-    assert torch.equal(batch.later.joints, later.joints)
-    assert torch.equal(batch.later.tactile, later.tactile)
-    assert torch.equal(batch.chunk, data.ahead("executed", batch.rows))
-    assert torch.equal(batch.loads[:, -1], data.columns["loads"][batch.rows + 8])
-
-
-def test_corpus_without_replays_is_fine(corpus, tmp_path):
-    (tmp_path / "tune").symlink_to(corpus / "tune")
-    assert len(ReplayData(tmp_path, "tune", CorpusData(tmp_path, "tune"))) == 0
+def test_local_forces_turned_back_are_the_palms(data):
+    rows = torch.arange(0, len(data), 7)
+    local = data.local_forces(rows)
+    torch.testing.assert_close(local, data.columns["loads"][rows][..., None] * torch.tensor([0.6, 0.0, 0.8]))
+    rotation = finger_frames(data.columns["joints"][rows]).distal_rotation
+    palm = (rotation @ local[..., None]).squeeze(-1)
+    torch.testing.assert_close(palm, data.columns["forces"][rows])
 
 
 def test_test_split_is_never_read(corpus):
@@ -108,8 +88,8 @@ def test_missing_and_damaged_corpora_are_refused(corpus, tmp_path):
     shard = load_file(corpus / "train/00000.safetensors")
     (tmp_path / "train").mkdir()
     path = tmp_path / "train/00000.safetensors"
-    save_file({k: v for k, v in shard.items() if k != "label"}, path)
-    with pytest.raises(DexFlexError, match="label"):
+    save_file({k: v for k, v in shard.items() if k != "forces"}, path)
+    with pytest.raises(DexFlexError, match="forces"):
         CorpusData(tmp_path, "train")
     path.write_bytes(b"nothing")
     with pytest.raises(DexFlexError, match="cannot be read"):

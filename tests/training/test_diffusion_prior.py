@@ -9,6 +9,7 @@ from lerobot_dexflex.training.diffusion_prior import DexGenConfig, DexGenStage
 from lerobot_dexflex.training.fit import FitConfig, fit
 from lerobot_dexflex.training.train import TrainConfig, train
 
+pytestmark = pytest.mark.usefixtures("no_curves")
 FIT = FitConfig(steps=30, batch_size=16, lr=3e-3, warmup_steps=10, ema=0.9)
 
 
@@ -22,7 +23,7 @@ def controller():
 def stage(corpus, controller):
     config = DexGenConfig(fit=FIT, held_out_rows=8)
     data, tune = (CorpusData(corpus, split) for split in ("train", "tune"))
-    controller.scale.fit(data.clean_chunk(data.chunk_rows(expert=True)))
+    controller.scale.fit(data.plan(data.rows()))
     return DexGenStage(controller, DiffusionPrior(controller.config), data, tune, config)
 
 
@@ -35,20 +36,28 @@ def test_the_loss_falls_and_the_encoder_stays_as_it_is(stage, controller, tmp_pa
     with torch.no_grad():
         assert stage.loss(stage.batch())[0].item() < 0.9 * start
     assert all(torch.equal(value, before[name]) for name, value in controller.state_dict().items())
+    assert metrics["lead_mrad"] < metrics["lead_rest_mrad"]
     assert metrics["best_of_32_mm"] <= metrics["best_of_8_mm"] <= metrics["best_of_1_mm"]
 
 
 def test_overwhelming_guidance_ends_at_the_draft(stage):
-    chunk = stage._tune.clean_chunk(stage._held_out)
+    chunk = stage._tune.plan(stage._held_out)
     state = stage._controller.encode(stage._tune.history(stage._held_out))
     assert stage._errors(state, chunk, chunk, 1e6).max() < 0.01
 
 
-def test_rows_that_are_no_experts_own_are_drawn_by_their_share(stage):
+def test_inverse_dynamics_learn_the_operators_own_commands_alone(stage):
     torch.manual_seed(0)
     batch = stage.batch()
-    assert batch.chunk.shape == (FIT.batch_size, 8, 4, 3)
-    assert len(batch.history.joints) == FIT.batch_size
+    assert batch.own.any()
+    assert not batch.own.all()
+    other = batch._replace(lead=torch.where(batch.own[:, None], batch.lead, 9.0))
+    changed = batch._replace(lead=torch.where(batch.own[:, None], 9.0, batch.lead))
+    losses = []
+    for each in (batch, other, changed):
+        torch.manual_seed(1)
+        losses.append(stage.loss(each)[0].item())
+    assert losses[0] == losses[1] != losses[2]
 
 
 def test_the_stage_puts_its_weights_beside_the_controller_that_it_started_from(corpus, controller, tmp_path):
