@@ -1,4 +1,4 @@
-"""One grasp that holds, and a short recorded episode with noisy drafts, a push, a slip and turning gravity."""
+"""One grasp that holds, and a short recorded episode with noisy drafts and everything that a world can do."""
 
 from typing import NamedTuple
 
