@@ -140,6 +140,16 @@ def test_what_is_longer_ago_than_the_frames_matters_exactly_through_the_slow_tok
     assert torch.equal(*scores) is (ablation == "noslow")
 
 
+def test_earlier_drafts_matter_to_the_score(controller):
+    scores = []
+    for seed in (1, 2):
+        interface = flex(controller, prefix=1)
+        interface.step(observation(1), draft_of(1, seed))
+        interface.step(observation(1), draft_of(1))
+        scores.append(interface.explanation.choice.draft_score)
+    assert not torch.equal(*scores)
+
+
 @pytest.mark.parametrize("ablation", ["", "notouch"])
 def test_touch_matters_exactly_if_it_is_used(controller, ablation):
     interfaces = [flex(controller, ablation) for _ in range(2)]

@@ -48,6 +48,16 @@ def test_a_full_reset_is_a_new_interface_and_takes_a_batch_of_another_size(make,
 
 
 @learned
+def test_a_reset_row_forgets_its_draft_and_holds_if_the_next_is_late(make, name):
+    interface, new, seen = make(name), make(name), observation(2)
+    interface.step(seen, draft_of(2))
+    interface.reset(torch.tensor([True, False]))
+    targets, fresh = interface.step(seen, None), new.step(seen, None)
+    torch.testing.assert_close(targets[0], fresh[0], **CLOSE)
+    assert (targets[1] - fresh[1]).abs().max() > 1e-3
+
+
+@learned
 def test_targets_come_in_the_drafts_type_and_motion_is_told(make, name):
     interface = make(name)
     assert interface.motion is None
@@ -122,6 +132,12 @@ REFUSED = {
 }
 
 
+def memories(interface):
+    """What the parts of an interface remember."""
+    parts = (interface._hand, interface._touch, interface._drafts, interface._past)
+    return [value for part in parts for value in vars(part).values()]
+
+
 @pytest.mark.parametrize("why", REFUSED)
 @learned
 def test_a_refused_step_leaves_nothing_behind(make, name, why):
@@ -130,12 +146,13 @@ def test_a_refused_step_leaves_nothing_behind(make, name, why):
     for k in range(5):
         seen, draft = noisy(observation(2, k), k), draft_of(2, k)
         assert torch.equal(refused.step(seen, draft), twin.step(seen, draft))
-        told = refused.motion, refused.explanation
+        told, known = (refused.motion, refused.explanation), memories(refused)
         bad = {key: value for key, value in {**noisy(seen, 50), **change}.items() if value is not None}
         for _ in range(2):
             with pytest.raises(DexFlexError, match=message):
                 refused.step(bad, draft if wrong is None else wrong)
         assert (refused.motion, refused.explanation) == told
+        assert all(now is before for now, before in zip(memories(refused), known, strict=True))
 
 
 @learned
@@ -165,9 +182,10 @@ def test_a_step_that_fails_after_the_grip_felt_is_forgotten_by_the_grip_as_well(
 
     for seen in (loaded, empty, empty):
         assert torch.equal(failing.step(seen, draft_of(2)), twin.step(seen, draft_of(2)))
-        with monkeypatch.context() as patch, pytest.raises(error):  # Else it would take the finger as let go.
+        with monkeypatch.context() as patch:
             patch.setattr(f"lerobot_dexflex.{where}", fail)
-            failing.step(empty, draft_of(2))
+            with pytest.raises(error):  # Remembered, it would tell that the fingers let go.
+                failing.step(empty, draft_of(2))
     assert torch.equal(failing._grip._unloaded, twin._grip._unloaded)
 
 
