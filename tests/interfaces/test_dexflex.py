@@ -178,7 +178,7 @@ def test_the_choice_never_depends_on_the_previous_command(controller):
 
 def test_the_explanation_compares_the_chosen_chunk_with_the_raw_draft(controller):
     interface, draft = flex(controller), draft_of(4)
-    assert interface.explanation is None
+    assert flex(controller).explanation is None
     interface.step(observation(4), draft)
     explanation, choice = interface.explanation, interface.explanation.choice
     assert (choice.score >= choice.draft_score).all()

@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 import torch
 from interface_cases import TACTILE, observation
@@ -16,7 +18,7 @@ SMALL = 0.001
 def prior(controller):
     """A random prior whose inverse dynamics are linear in the chunk's first number: 0.2 leads per unit."""
     torch.manual_seed(1)
-    prior = DiffusionPrior(controller.config)
+    prior: Any = DiffusionPrior(controller.config)
     first, seen = prior.dynamics[0], controller.config.body_width + controller.config.slow_width
     with torch.no_grad():
         for value in prior.dynamics.parameters():
@@ -61,8 +63,7 @@ def test_targets_stay_within_the_joints_limits(controller, prior):
     with torch.no_grad():
         prior.dynamics[4].bias[:] = 1e3
     interface, seen = DexGenInterface(controller, prior), observation(1)
-    for _ in range(10):
-        targets = interface.step(seen, draft_of(1))
+    targets = [interface.step(seen, draft_of(1)) for _ in range(10)][-1]
     torch.testing.assert_close(targets[0], JOINT_UPPER.double())
 
 

@@ -60,7 +60,7 @@ def test_a_reset_row_forgets_its_draft_and_holds_if_the_next_is_late(make, name)
 @learned
 def test_targets_come_in_the_drafts_type_and_motion_is_told(make, name):
     interface = make(name)
-    assert interface.motion is None
+    assert make(name).motion is None
     assert interface.step(observation(2), draft_of(2).float()).dtype == torch.float32
     assert interface.motion.shape == (2, 4, 3)
     assert interface.step(observation(2), draft_of(2)).dtype == torch.float64
