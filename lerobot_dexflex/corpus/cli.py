@@ -8,7 +8,7 @@ from lerobot_dexflex.corpus.generate import generate
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Generate a corpus or its replays; return 0 if complete, 1 after an error, 130 after an interrupt.
+    """Generate a corpus; return 0 if complete, 1 after an error, 130 after an interrupt.
 
     Args:
         arguments: Command-line arguments; None takes those of this process.

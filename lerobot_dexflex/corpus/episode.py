@@ -78,6 +78,7 @@ class RunningEpisode:
         """
         env, now, seen = self.env, self.now, self.observation
         joints = self._follow(guidance, draft[0]) if spoilt else guidance.joints
+        joints = joints.astype(COLUMNS["joint_targets"].dtype)  # As recorded, so that it can be replayed.
         if self.steps % SNAPSHOT_INTERVAL == 0:
             self._snapshots.append((self.steps, env.physics_state(), env.command))
         wanted = now.tips + draft[0] if spoilt else guidance.tips[0]

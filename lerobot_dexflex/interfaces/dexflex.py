@@ -62,7 +62,7 @@ class DexFlexInterface(LearnedInterface):
     @torch.no_grad()
     def step(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Tensor:
         """Return the joint targets of the chosen chunk's next step and its grip; see `Interface.step`."""
-        with self._all_or_nothing():
+        with self.all_or_nothing(*self._parts):
             targets = self._step(observation, draft)
         return targets.to(observation[STATE].dtype if draft is None else draft.dtype)
 
@@ -87,7 +87,7 @@ class DexFlexInterface(LearnedInterface):
                 plan = plan.renewed(due, self._choose(sensed, state))
         self._plan, self._slow_age = plan.older(), self._slow_age + 1
         ahead = plan.motion(tips)
-        forces = self._forces(sensed, state, ahead)
+        forces = self._forces(sensed, state, history, ahead)
         motion = ahead[:, 0]
         joints = self._press(sensed, history, motion, forces)
         self._explain(sensed, motion, forces, plan.choice)
@@ -104,11 +104,11 @@ class DexFlexInterface(LearnedInterface):
             chunk = torch.where(obeyed, sensed.draft.draft, chunk)
         return Plan(sensed.measured.tips[:, None] + chunk, choice, age)
 
-    def _forces(self, sensed: Sensed, state: State, ahead: Tensor) -> Tensor:
+    def _forces(self, sensed: Sensed, state: State, history: History, ahead: Tensor) -> Tensor:
         """Return the forces of the grip in the palm frame [N]. Shape (batch, 4, 3), float64."""
         joints = sensed.measured.joints
         if self.settings.grip:
-            holding = self._grip.feel(self._loads(sensed, sensed.history))
+            holding = self._grip.feel(self._loads(sensed, history))
             return self.settings.grip * pads(joints)[1] * holding[..., None]
         local = self.controller.decode(state, ahead.float()).grip().double()
         rotation = finger_frames(joints).distal_rotation

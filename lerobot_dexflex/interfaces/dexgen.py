@@ -72,7 +72,7 @@ class DexGenInterface(LearnedInterface):
     @torch.no_grad()
     def step(self, observation: Mapping[str, Tensor], draft: Tensor | None) -> Tensor:
         """Return the joint targets of the guided sample; see `Interface.step`."""
-        with self._all_or_nothing():
+        with self.all_or_nothing(*self._parts):
             targets = self._step(observation, draft)
         return targets.to(observation[STATE].dtype if draft is None else draft.dtype)
 

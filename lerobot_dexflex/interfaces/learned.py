@@ -1,8 +1,7 @@
 """What learned interfaces share: they see the past, doubt touch and drafts, move the hand and say why."""
 
-import contextlib
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,25 +62,10 @@ class LearnedInterface(CommandedInterface):
         if mask is None:
             self._explanation = None
 
-    @contextlib.contextmanager
-    def _all_or_nothing(self) -> Iterator[None]:
-        """Forget a step that fails: nothing of it is remembered or executed.
-
-        Memories are tensors that are replaced and never written in place, so it is enough to keep references.
-        """
-        before = [dict(vars(part)) for part in self._parts]
-        try:
-            yield
-        except BaseException:
-            for part, memory in zip(self._parts, before, strict=True):
-                vars(part).clear()
-                vars(part).update(memory)
-            raise
-
     @property
     def _parts(self) -> tuple[Any, ...]:
-        """Everything that remembers."""
-        return (self, self._hand, self._touch, self._drafts, self._past)
+        """Everything that remembers, beside the hand."""
+        return (self._touch, self._drafts, self._past)
 
     def _move(self, device: torch.device) -> None:
         """Bring the networks to a device."""

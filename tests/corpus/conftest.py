@@ -1,27 +1,32 @@
-"""One grasp that holds, and a short recorded episode with jitter, pushes and a turning gravity."""
+"""One grasp that holds, and a short recorded episode with noisy drafts and everything that a world can do."""
+
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.episode import RunningEpisode
+from lerobot_dexflex.corpus.schema import OPERATED
+from lerobot_dexflex.corpus.shard import Shard
 from lerobot_dexflex.corpus.world import Push, Slip, World
+from lerobot_dexflex.experts.reach.operator import Operator
 
 SEED = 4
-"""A capsule in a firm grasp of four fingers."""
-STEPS = 40
+"""A capsule in a firm grasp."""
+STEPS, NOISE = 40, 5e-4
 
 
-class Jitter:
-    """Lead the tips nowhere: every label is a small random displacement back to the first command."""
+class Recorded(NamedTuple):
+    """A recorded episode and what was wanted in each of its steps."""
 
-    def __init__(self, run, rng, steps=STEPS):
-        self._start, self._rng, self._steps = run.command, rng, steps
-
-    def label(self, run):
-        if run.steps >= self._steps:
-            return None
-        return self._start - run.command + self._rng.normal(0, 2e-4, (4, 3))
+    shard: Shard
+    guidances: list
+    drafts: list
+    states: list
+    """What the operator saw before each step."""
+    spoilt: np.ndarray
+    """Whether the noisy draft was executed."""
 
 
 @pytest.fixture(scope="session")
@@ -29,25 +34,32 @@ def episode():
     return CorpusEnv().draw(SEED)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def world():
     return World(
         seed=3,
         gravity_rate=0.1,
         gains=tuple(np.linspace(0.9, 1.1, 16)),
         damping=1.2,
-        pushes=[Push(5, 4, (0.0, 0.3, 0.2))],
+        joint_noise=0.002,
+        sway=(1.0, 0.0, 0.0),
+        sway_period=20.0,
+        pushes=[Push(5, 4, (0.0, 0.3, 0.2), (0.001, 0.0, 0.0))],
         slips=[Slip(20, 6, 0.7)],
     )
 
 
-@pytest.fixture
-def run(episode, world):
-    """An episode whose steps 8 to 15 are spoilt by 0.5 mm."""
-    run = RunningEpisode(CorpusEnv(), episode, world, 1, {"seed": SEED, "commit": "none"})
+@pytest.fixture(scope="session")
+def recorded(episode, world):
+    """An episode of 40 steps; in 8 to 15 the noisy draft is executed."""
+    run = RunningEpisode(CorpusEnv(), episode, world, OPERATED, {"seed": SEED, "commit": "none"})
     rng = np.random.default_rng(0)
-    leader = Jitter(run, rng)
-    while (label := leader.label(run)) is not None:
-        draft = label + rng.uniform(-5e-4, 5e-4, (4, 3))
-        run.step(draft, label, draft if 8 <= run.steps < 16 else label)
-    return run
+    operator, guidances, drafts, states = Operator(run.senses, rng, strength=1.2), [], [], []
+    spoilt = np.arange(STEPS) // 8 == 1
+    for noisy in spoilt:
+        guidances.append(operator.guide(run.now))
+        states.append(run.now)
+        plan = guidances[-1].tips - run.now.tips
+        drafts.append(plan + rng.uniform(-NOISE, NOISE, plan.shape))
+        run.step(guidances[-1], drafts[-1], bool(noisy))
+    return Recorded(run.finish(), guidances, drafts, states, spoilt)

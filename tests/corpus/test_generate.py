@@ -1,5 +1,7 @@
 import json
+from pathlib import Path
 
+import draccus
 import numpy as np
 import pytest
 import yaml
@@ -7,10 +9,12 @@ import yaml
 from lerobot_dexflex.corpus import generate
 from lerobot_dexflex.corpus.cli import main
 from lerobot_dexflex.corpus.config import CorpusConfig, Jobs, Shares
-from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS
-from lerobot_dexflex.corpus.shard import Shard, read_header, shard_path, write_shard
+from lerobot_dexflex.corpus.schema import COLUMNS, KINDS, SNAPSHOT_COLUMNS
+from lerobot_dexflex.corpus.shard import Shard, read_header, read_shard, shard_path, write_shard
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.runs.lock import locked
+
+CONFIGS = sorted((Path(__file__).parents[2] / "configs/corpus").glob("*.yaml"))
 
 
 def fake_job(config, commit, split, number):
@@ -118,24 +122,11 @@ def test_two_processes_do_not_work_in_one_corpus(config):
     assert not config.output.exists()
 
 
-def test_replays_have_their_own_recipe_beside_the_corpus(config, monkeypatch):
-    generate.generate(config, [])
-    monkeypatch.setattr(
-        generate, "run_replays", lambda c, *job: fake_job(CorpusConfig(output=c.output / "replays"), *job)
-    )
-    config.stage = "replays"
-    assert generate.generate(config, [])
-    assert len(list((config.output / "replays").glob("*/*.safetensors"))) == 5
-    assert yaml.safe_load((config.output / "replays/recipe.yaml").read_text())["complete"]
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"stage": "train"}, "`stage` must be one of"),
         ({"workers": -1}, "must not be negative"),
         ({"objects_per_job": 0}, "must be positive"),
-        ({"interface": "raw"}, "belong together"),
         ({"jobs": Jobs(2000, 0, 0)}, "`train` may have at most 10000 objects"),
         ({"jobs": Jobs(0, 126, 0)}, "`tune` may have at most 1000 objects"),
     ],
@@ -145,9 +136,15 @@ def test_a_wrong_setting_is_refused_by_name(values, message):
         CorpusConfig(**values)
 
 
-def test_shares_must_sum_to_one():
-    with pytest.raises(DexFlexError, match="must sum to 1"):
-        Shares(search=0.9)
+@pytest.mark.parametrize("values", [{"operated": 0.9}, {"operated": 1.5, "acquired": -0.5}])
+def test_shares_must_sum_to_one_and_not_be_negative(values):
+    with pytest.raises(DexFlexError, match="not be negative and must sum to 1"):
+        Shares(**values)
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_the_configurations_of_the_repository_parse(path):
+    assert draccus.parse(CorpusConfig, config_path=path, args=[]).jobs.train > 0
 
 
 def test_the_command_line_reads_a_file_and_overrides(config, tmp_path, capsys):
@@ -158,3 +155,45 @@ def test_the_command_line_reads_a_file_and_overrides(config, tmp_path, capsys):
     assert "train: 4 steps in 1 shards" in capsys.readouterr().out
     assert main([*words, "--seed=1"]) == 1
     assert "error: " in capsys.readouterr().err
+
+
+def small(output, seed=0):
+    """A corpus of one object; its first episode of a kind exceeds that kind's share."""
+    return CorpusConfig(output, seed, workers=0, jobs=Jobs(1, 0, 0), objects_per_job=1, steps_per_object=20)
+
+
+def only_shard(config):
+    return read_shard(shard_path(config.output / "train", 0))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    config = small(tmp_path_factory.mktemp("made") / "corpus")
+    assert generate.generate(config, [])
+    return config
+
+
+def test_a_job_makes_episodes_of_both_kinds_and_counts_what_they_hold(made):
+    shard = only_shard(made)
+    rows, totals = shard.tensors, shard.totals
+    assert [KINDS[episode["kind"]] for episode in shard.episodes] == list(KINDS)
+    np.testing.assert_array_equal(rows["kind"], [shard.episodes[k]["kind"] for k in rows["episode"]])
+    for kind, name in enumerate(("steps_operator", "steps_acquisition_and_release")):
+        assert totals[name] == (rows["kind"] == kind).sum() > 0
+    patterns = [value for key, value in totals.items() if key.startswith("pattern_")]
+    assert sum(patterns) == totals["steps"] == len(rows["step"])
+    assert totals["goals_attempted"] >= totals["goals_solved"] > 0
+    assert {episode["seed"] for episode in shard.episodes} == {0}
+    free = rows["loads"] <= 0.05
+    assert np.abs(rows["forces"][free.all(1)]).max() == 0  # Nothing is pressed on the way to the object.
+
+
+def test_the_same_seed_makes_the_same_shard_and_another_seed_another(made, tmp_path):
+    again, other = small(tmp_path / "again"), small(tmp_path / "other", seed=1)
+    for config in (again, other):
+        generate.generate(config, [])
+    first, second, third = (only_shard(config) for config in (made, again, other))
+    assert first.episodes == second.episodes
+    for key, value in first.tensors.items():
+        np.testing.assert_array_equal(value, second.tensors[key], key)
+    assert first.episodes[0]["world"] != third.episodes[0]["world"]

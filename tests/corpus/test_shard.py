@@ -2,17 +2,8 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from lerobot_dexflex.corpus.schema import COLUMNS, REPLAY_COLUMNS, SNAPSHOT_COLUMNS, check_rows
-from lerobot_dexflex.corpus.shard import (
-    Shard,
-    concatenate,
-    read_header,
-    read_replays,
-    read_shard,
-    shard_path,
-    write_replays,
-    write_shard,
-)
+from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS, check_rows
+from lerobot_dexflex.corpus.shard import Shard, concatenate, read_shard, shard_path, write_shard
 from lerobot_dexflex.errors import DexFlexError
 
 
@@ -43,13 +34,6 @@ def test_a_shard_survives_the_disk(tmp_path):
         np.testing.assert_array_equal(found.tensors[key], value)
 
 
-def test_replays_survive_the_disk(tmp_path):
-    tensors = filled(REPLAY_COLUMNS, 3)
-    write_replays(tmp_path / "0.safetensors", tensors, {"steps": 24})
-    np.testing.assert_array_equal(read_replays(tmp_path / "0.safetensors")["chunk"], tensors["chunk"])
-    assert read_header(tmp_path / "0.safetensors") == {"totals": {"steps": 24}}
-
-
 def test_joining_renumbers_episodes_rows_and_snapshots():
     joined = concatenate([small_shard(16), small_shard(20), small_shard(10)])
     check_rows(joined.tensors, joined.episodes)
@@ -72,11 +56,13 @@ def test_shards_of_different_simulators_are_not_joined():
     [
         ({"joints": np.zeros((16, 15), np.float32)}, r"`joints` must be float32 of shape \(16, 16\)"),
         ({"tactile": np.zeros((16, 240), np.float32)}, "`tactile` must be float16"),
+        ({"draft": np.zeros((16, 4, 3), np.float16)}, r"`draft` must be float16 of shape \(16, 8, 4, 3\)"),
+        ({"object": np.zeros((16, 6), np.float32)}, r"`object` must be float32 of shape \(16, 7\)"),
         ({"loads": np.full((16, 4), np.nan, np.float32)}, "`loads` holds NaN"),
         ({"step": np.zeros(16, np.int16)}, "`step` must count"),
         ({"episode": np.ones(16, np.int32)}, "`episode` must count"),
         ({"snapshot_step": np.array([8, 16], np.int32)}, "`snapshot_step` must increase"),
-        ({"kind": np.full(16, 9, np.uint8)}, "`kind` must be below 5"),
+        ({"kind": np.full(16, 9, np.uint8)}, "`kind` must be below 2"),
         ({"extra": np.zeros(16)}, "unknown: ..extra"),
     ],
 )

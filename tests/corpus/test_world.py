@@ -32,10 +32,12 @@ def test_random_worlds_stay_within_their_ranges():
         assert np.abs(np.array(world.gains) - 1).max() <= 0.15
         assert 0.7 <= world.damping <= 1.5
         assert all(0.2 <= np.linalg.norm(push.force) <= 2.0 for push in world.pushes)
+        assert all(np.linalg.norm(push.torque) <= 0.03 for push in world.pushes)
+        assert np.linalg.norm(world.sway) <= 4.0
         assert all(0.3 <= slip.share <= 0.7 for slip in world.slips)
         varied = vary_object(spec, rng)
-        assert 0.085 <= varied.mass <= 0.12
-        assert 0.68 <= varied.friction <= 1.0
+        assert 0.06 <= varied.mass <= 0.15
+        assert 0.6 <= varied.friction <= 1.0
 
 
 def test_servos_and_damping_of_the_model_are_those_of_the_world(episode, world):
@@ -46,16 +48,28 @@ def test_servos_and_damping_of_the_model_are_those_of_the_world(episode, world):
     np.testing.assert_allclose(env.model.dof_damping[:16], 1.2 * leap.DAMPING)
 
 
-def test_pushes_and_slips_come_and_go(episode, world):
+def test_wrenches_sway_and_slips_come_and_go(episode, world):
     env = CorpusEnv()
     env.start(episode, world)
     body, tip = env.model.body("object").id, env.model.geom("if_tip").id
-    friction = env.model.geom_friction[tip, 0]
+    friction, mass = env.model.geom_friction[tip, 0], env.model.body_mass[body]
     for step in range(28):
         env.advance(env.command)
         pushed, slipping = 5 <= step < 9, 20 <= step < 26
-        np.testing.assert_array_equal(env.data.xfrc_applied[body, :3], (0.0, 0.3, 0.2) if pushed else 0.0)
+        wrench = np.array((0.0, 0.3, 0.2, 0.001, 0.0, 0.0)) if pushed else np.zeros(6)
+        wrench[0] += mass * np.sin(2 * np.pi * step / 20)  # The palm sways with 1 m/s^2 in 20 steps.
+        np.testing.assert_allclose(env.data.xfrc_applied[body], wrench, atol=1e-12)
         assert env.model.geom_friction[tip, 0] == pytest.approx(friction * (0.7 if slipping else 1.0))
+
+
+def test_heavy_and_slippery_objects_are_varied_within_what_a_hand_can_hold():
+    rng = np.random.default_rng(0)
+    heavy = [vary_object(ObjectSpec("box", (0.02, 0.02, 0.03), 0.25, 0.45), rng) for _ in range(50)]
+    assert max(spec.mass for spec in heavy) == 0.3
+    assert min(spec.friction for spec in heavy) == 0.4
+    light = [vary_object(ObjectSpec("box", (0.02, 0.02, 0.03), 0.025, 1.1), rng) for _ in range(50)]
+    assert min(spec.mass for spec in light) == 0.02
+    assert max(spec.friction for spec in light) == 1.2
 
 
 def test_a_fixture_carries_the_object_until_it_is_taken_away(episode):

@@ -68,7 +68,7 @@ class OracleInterface(DexFlexInterface):
         candidates = self.controller.propose(state, draft.float(), self.settings)
         chunks = candidates.chunks.double()
         chunks[:, 0] = draft  # Executed as it came, not as float32 has it.
-        forces = self._forces(sensed, state, draft).numpy()
+        forces = self._forces(sensed, state, sensed.history, draft).numpy()
         rows = len(chunks)
         best = torch.zeros(rows, dtype=torch.int64)
         cost, grasp = torch.zeros(2, rows), torch.zeros(2, rows)

@@ -1,0 +1,110 @@
+"""Who leads an episode, and how its drafts are spoilt."""
+
+import numpy as np
+
+from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
+from lerobot_dexflex.corpus.acquisition import Acquisition, find_opening, open_episode
+from lerobot_dexflex.corpus.distortion import Distortion, sample_errors
+from lerobot_dexflex.corpus.env import CorpusEnv
+from lerobot_dexflex.corpus.episode import RunningEpisode
+from lerobot_dexflex.corpus.goal_follower import GoalFollower
+from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED
+from lerobot_dexflex.corpus.world import World
+
+
+def followed(episode, errors, steps=60, strength=1.0):
+    """Return the running episode and the leader, at the end."""
+    rng = np.random.default_rng(0)
+    run = RunningEpisode(CorpusEnv(), episode, World(), OPERATED, {})
+    leader = GoalFollower(run, rng, steps, strength)
+    run.run(leader, Distortion(errors, rng))
+    return run, leader
+
+
+def test_errors_are_drawn_from_every_family():
+    rng = np.random.default_rng(0)
+    drawn = [sample_errors(rng) for _ in range(300)]
+    families = [errors.name.partition("_")[0] for errors in drawn]
+    assert set(families) == {"clean", "noise", "scale", "delay", "removal", "bias"}
+    assert 0.1 < families.count("clean") / 300 < 0.2
+    assert families.count("removal") > 80  # They alone take a contact away.
+    delays = {error.strength for errors in drawn for error in errors if error.family == "delay"}
+    assert delays == {1.0, 2.0, 3.0, 4.0}
+    assert not any(sample_errors(rng, clean_share=1.0) for _ in range(20))
+
+
+def test_the_operators_command_and_spoilt_drafts_take_turns(episode):
+    run, _ = followed(episode, CommandErrors.of(noise=0.001), steps=150)
+    rows = run.finish().tensors
+    lengths = np.diff(np.flatnonzero(np.diff(rows["expert"].astype(int))))
+    assert rows["expert"][0]
+    assert 0.2 < rows["expert"].mean() < 0.9
+    assert lengths.min() >= 6
+    assert lengths.max() <= 24
+    difference = np.abs(rows["draft"].astype(float) - rows["plan"]).max((1, 2, 3))
+    assert (difference > 1e-4).all()  # Drafts are spoilt throughout, whoever is executed.
+    assert difference[~rows["expert"]].max() <= 0.001 + 2e-5
+
+
+def test_clean_drafts_are_the_plan_and_reach_goals(episode):
+    run, leader = followed(episode, NO_ERRORS, steps=120)
+    rows = run.finish().tensors
+    assert leader.solved >= 2
+    assert leader.attempted >= leader.solved
+    assert run.lost_steps == 0
+    assert len(rows["step"]) == 120
+    np.testing.assert_array_equal(rows["draft"], rows["plan"])
+    assert not rows["expert"].all()
+
+
+def test_another_strength_is_exerted_but_the_right_forces_are_recorded(episode):
+    found = {}
+    for strength in (0.8, 1.6):
+        run, _ = followed(episode, NO_ERRORS, steps=20, strength=strength)
+        rows = run.finish().tensors
+        found[strength] = rows["forces"][0], rows["loads"][-10:].sum(1).mean()
+    np.testing.assert_array_equal(found[0.8][0], found[1.6][0])  # In the first state, which is the same.
+    assert found[1.6][1] > 1.3 * found[0.8][1]
+
+
+def test_an_object_is_taken_carried_and_given_back(episode):
+    env, rng, world = CorpusEnv(), np.random.default_rng(1), World()
+    opening = find_opening(env, episode, rng)
+    assert opening is not None
+    run = RunningEpisode(env, open_episode(episode, world, opening, rng), world, ACQUIRED, {})
+    run.run(Acquisition(opening, rng), Distortion(NO_ERRORS, rng))
+    rows = run.finish().tensors
+    taken, given = world.supports
+    assert taken.stop is not None
+    assert (rows["loads"][0] == 0).all()
+    assert (rows["loads"][taken.stop : given.start] > 0.05).sum(1).min() >= 2
+    assert rows["loads"][-1].max() < 0.2
+    assert not rows["lost"].any()
+    forces = np.linalg.norm(rows["forces"], axis=-1)
+    assert not forces[0].any()  # Approach,
+    squeezed = rows["loads"][taken.stop] > 0.1
+    assert (squeezed & opening.active).sum() >= 3
+    assert ((forces[taken.stop - 1] > 0.5) == squeezed).all()  # squeeze,
+    assert not forces[-1].any()  # retreat.
+    motion = np.linalg.norm(rows["wanted"] - rows["fingertips"], axis=-1)
+    assert motion.max() < 0.02
+    width = np.linalg.norm(rows["fingertips"][0] - rows["fingertips"][taken.stop], axis=1)
+    assert width[opening.active].min() > 0.01
+
+
+def test_a_dropped_object_ends_the_episode(episode):
+    class LettingGo(GoalFollower):
+        """Asks for what it wants without any grip, away from the object."""
+
+        def guide(self, run):
+            guidance = super().guide(run)
+            if guidance is None:
+                return None
+            return guidance._replace(joints=run.now.joints - 0.1 * np.tile([1.0, 0.0, 1.0, 1.0], 4))
+
+    rng = np.random.default_rng(0)
+    run = RunningEpisode(CorpusEnv(), episode, World(), OPERATED, {})
+    run.run(LettingGo(run, rng, 100), Distortion(NO_ERRORS, rng))
+    rows = run.finish().tensors
+    assert len(rows["step"]) < 100
+    assert rows["lost"][-1]
