@@ -29,7 +29,8 @@ from lerobot_dexflex.errors import DexFlexError
 
 _ROOT = Path(__file__).resolve().parents[1]
 _BIN = Path(sys.executable).parent
-_CORPUS = _ROOT / "datasets/reach_corpus_sample"
+_CORPUS = _ROOT / "outputs/corpus/sample"
+"""Made by `dexflex-corpus --config=configs/corpus/sample.yaml`."""
 _ORPHAN_SECONDS = 10.0
 
 Digest = dict[str, str]

@@ -9,20 +9,20 @@ from torch import Tensor
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import pads
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured, check_draft
-from lerobot_dexflex.interfaces.grip import Grip, ServoSettings, loads_of
+from lerobot_dexflex.interfaces.grip import NO_SERVO, Grip, ServoSettings, loads_of
 from lerobot_dexflex.interfaces.raw import MEANING
 from lerobot_dexflex.interfaces.touch_watch import checked_taxels
 
 
 @dataclass(frozen=True)
 class PressSettings:
-    """Force and rules of `press`, found on training objects (log in `eval/LOG.md`).
+    """Force and rules of `press`, found by a first search on training objects (`eval/LOG.md`).
 
     Raises:
         DexFlexError: If a value is out of its range.
     """
 
-    force: float = 1.8
+    force: float = 1.5
     """With which every touching finger presses along its pad's normal [N]."""
     release: float = 0.0
     """A finger that the draft takes outward by more within its horizon [m] stops pressing; 0: never."""
@@ -47,7 +47,7 @@ class PressInterface(CommandedInterface):
 
     Args:
         settings: Force and rules.
-        servo: Of the felt load.
+        servo: Of the felt load; none if None.
     """
 
     name: str = "press"
@@ -55,7 +55,7 @@ class PressInterface(CommandedInterface):
     def __init__(self, settings: PressSettings | None = None, servo: ServoSettings | None = None) -> None:
         super().__init__()
         self.settings = settings or PressSettings()
-        self._grip = Grip(servo)
+        self._grip = Grip(servo or NO_SERVO)
         self._average: Tensor | None = None
 
     def reset(self, mask: Tensor | None = None) -> None:
@@ -110,8 +110,8 @@ def make_press(
     release: float = PressSettings.release,
     blocked: bool = PressSettings.blocked,
     smoothing: float = PressSettings.smoothing,
-    servo: float = ServoSettings.gain,
-    back: float = ServoSettings.back,
+    servo: float = NO_SERVO.gain,
+    back: float = NO_SERVO.back,
     limit: float = ServoSettings.limit,
 ) -> PressInterface:
     """Build the interface from the words of a method's name; see `PressSettings` and `ServoSettings`."""

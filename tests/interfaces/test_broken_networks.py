@@ -29,7 +29,8 @@ def break_network(module, value=torch.nan):
 def memory(interface):
     """Everything that a learned interface remembers."""
     own = {key: value for key, value in vars(interface).items() if key not in ("controller", "prior")}
-    return own | {(k, key): v for k, part in enumerate(interface._parts[1:]) for key, v in vars(part).items()}
+    parts = (interface._hand, *interface._parts)
+    return own | {(k, key): v for k, part in enumerate(parts) for key, v in vars(part).items()}
 
 
 def assert_unchanged(interface, before):
