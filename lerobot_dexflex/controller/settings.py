@@ -27,7 +27,7 @@ class SelectionSettings:
     """The same for the one finger that is drawn anew."""
     nfe: int = 2
     """Network evaluations per decision, whatever the starting level."""
-    prefix: int = 2
+    prefix: int = 1
     """Control steps executed of a chosen chunk before choosing again."""
     hysteresis: float = 0.0
     """How much better than the draft, in units of the score, another candidate must look."""
