@@ -30,8 +30,8 @@ class SelectionSettings:
     prefix: int = 1
     """Control steps executed of a chosen chunk before choosing again."""
     hysteresis: float = 3.0
-    """How much better than the draft, in units of the score, another candidate must look: with 3, clean drafts
-    pass (log in `eval/LOG.md`)."""
+    """How much better than the draft, in units of the score, another candidate must look: with 3, clean
+    drafts pass (log in `eval/LOG.md`)."""
     use_score: bool = True
     """Whether the learned score chooses; otherwise the proposal nearest to the draft."""
     use_dream: bool = True

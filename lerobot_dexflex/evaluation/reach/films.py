@@ -1,24 +1,19 @@
 """Run one episode again under several methods, to film, record and draw it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
-from torch import Tensor
 
 from lerobot_dexflex.commands.loop import Episode, Privileged, Slot, run_chains
-from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.evaluation.conditions import Condition
-from lerobot_dexflex.evaluation.outcome import Motion
+from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.report.film import Film, side_by_side
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.experts.reach.chains import Chain
-from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces.method import Method
-from lerobot_dexflex.interfaces.protocol import Interface
-from lerobot_dexflex.interfaces.wrapper import WrappedInterface
 
 
 class Ending(NamedTuple):
@@ -85,24 +80,13 @@ def _ending(method: str, episode: Episode) -> Ending:
     return Ending(method, episode.chain.seed, episode.steps, ending)
 
 
-class _Observed(WrappedInterface[Interface]):
-    """Remembers how the inner interface changed the last draft, and lets an upper bound look on."""
-
-    change: Motion | None = None
+class _Observed(ObservedInterface):
+    """Lets an upper bound look on, too."""
 
     def see(self, slots: Sequence[Slot | None]) -> None:
         """Look at the running episodes, if the inner interface does; see `Privileged`."""
         if isinstance(self.inner, Privileged):
             self.inner.see(slots)
-
-    def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
-        """Return the inner interface's joint targets; see `Interface.step`."""
-        targets = super().step(observation, draft)
-        motion = self.motion
-        assert motion is not None
-        tips = fingertips(observation[STATE][:, -targets.shape[1] :].double())
-        self.change = Motion(*(part.numpy() for part in (draft[:, 0], motion, tips + motion)))
-        return targets
 
 
 class _Watcher:
