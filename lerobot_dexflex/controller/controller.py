@@ -170,12 +170,11 @@ class DexFlexController(nn.Module, ModelHubMixin):
         if settings.use_score:
             latent = dream.latent if settings.use_dream else torch.zeros_like(dream.latent)
             score = self.score(state, draft, drafts_history, candidates, latent)
-            score = score + settings.hysteresis * (branch == DRAFT)
         else:
             score = -distance_to(chunks, draft)
             if chunks.shape[1] > 1:  # The draft itself would always win.
                 score = score.masked_fill(branch == DRAFT, -torch.inf)
-        best = score.argmax(1)
+        best = (score + settings.hysteresis * (branch == DRAFT)).argmax(1)
         rows = torch.arange(len(best), device=best.device)
         return Selection(chunks[rows, best], best, score, candidates, dream)
 

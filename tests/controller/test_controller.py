@@ -9,7 +9,7 @@ from lerobot_dexflex.controller import ControllerConfig, DexFlexController, Sele
 from lerobot_dexflex.controller.chunks import BRANCHES, FINGER
 from lerobot_dexflex.errors import DexFlexError
 
-FEW = SelectionSettings(n_pure=6, n_seeded=5, n_finger=8)
+FEW = SelectionSettings(n_pure=6, n_seeded=5, n_finger=8, hysteresis=0.0)
 
 
 def row(values, k):

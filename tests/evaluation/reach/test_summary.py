@@ -145,12 +145,12 @@ def test_tables_show_removals_and_candidates_only_where_there_are_some():
         pd.DataFrame(
             [
                 row("raw", "removal_2mm", 0, intent_event=0.5, intent_calm=0.1, intervention_event=0.0),
-                row("dexflex", "removal_2mm", 0, draft=0.25, pure=0.0, seeded=0.75),
+                row("dexflex", "removal_2mm", 0, draft=0.25, pure=0.0, seeded=0.75, finger=0.0),
             ]
         )
     )
     assert [line[:3] for line in tables.split_rows(found)] == [["raw", "removal_2mm", "0.50 / 0.10"]]
-    assert tables.branch_rows(found) == [["dexflex", "removal_2mm", "25 %", "0 %", "75 %"]]
+    assert tables.branch_rows(found) == [["dexflex", "removal_2mm", "25 %", "0 %", "75 %", "0 %"]]
 
 
 def test_equal_numbers_are_no_difference_and_unequal_lengths_no_pairs():
