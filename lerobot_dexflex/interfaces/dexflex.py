@@ -206,5 +206,5 @@ def ablated(settings: SelectionSettings, ablation: str) -> SelectionSettings:
     raise DexFlexError(f"Unknown ablation {ablation!r}. Valid: {', '.join(INTERFACES['dexflex'].ablations)}.")
 
 
-_PRESS = 1.8
+_PRESS = 1.5
 """Force of `press` that the ablation `nogrip` has instead of the decoder's [N]."""
