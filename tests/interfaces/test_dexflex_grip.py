@@ -129,15 +129,15 @@ def test_without_learned_forces_touching_fingers_press_with_the_constant_of_pres
     interface = flex(pressing(controller, 5.0), "nogrip")
     interface.step(seen, draft_of(2))
     pushed = interface.explanation.forces.norm(dim=-1)
-    torch.testing.assert_close(pushed[0], torch.tensor([1.8, 1.8, 0.0, 1.8], dtype=torch.float64), **EXACT)
+    torch.testing.assert_close(pushed[0], torch.tensor([1.5, 1.5, 0.0, 1.5], dtype=torch.float64), **EXACT)
     torch.testing.assert_close(
-        interface.explanation.forces[:, :2], 1.8 * pads(joints_of(seen))[1][:, :2], **EXACT
+        interface.explanation.forces[:, :2], 1.5 * pads(joints_of(seen))[1][:, :2], **EXACT
     )
 
 
 def test_without_selection_and_learned_forces_it_is_press_without_a_servo(controller):
-    ours = flex(controller, "noselection", grip=1.8, prefix=1)
-    press = PressInterface(PressSettings(force=1.8), ServoSettings(gain=0.0, back=0.0))
+    ours = flex(controller, "noselection", grip=1.5, prefix=1)
+    press = PressInterface(PressSettings(force=1.5), ServoSettings(gain=0.0, back=0.0))
     for k, loads in enumerate(([1.0, 1.0, 0.0, 2.0], 0.0, 0.0, 0.0, 0.0, 1.0)):
         seen, draft = touched(loads, rows=2, seed=k), draft_of(2, k)
         torch.testing.assert_close(ours.step(seen, draft), press.step(seen, draft), **SINGLE)
