@@ -44,8 +44,7 @@ class View:
             raise DexFlexError(f"`by` must be `task` or `condition`. Got {self.by!r}.")
 
 
-def _labelled(label: str) -> str:
-    return ",".join(f"{label}/{name}" for name in FIVE.split(","))
+REPLAYED = "raw,press,press:4,dexgen,dexflex-noselection,dexflex"
 
 
 VIEWS = {
@@ -56,8 +55,9 @@ VIEWS = {
     "pour_cup": View(TWO, tasks="PourCup-v0"),
     "place_hammer": View(TWO, tasks="PlaceHammer-v0"),
     "assemble_table": View(TWO, tasks="AssembleTable-v0"),
-    "replay": View(_labelled("replay_measured")),
-    "replay_commanded": View("replay_commanded/joint,replay_commanded/raw"),
+    "replay": View(
+        ",".join(f"replay_measured/{name}" for name in REPLAYED.split(",")), tasks="PlaceHammer-v0"
+    ),
     "expert": View("expert"),
 }
 """What a document may show, by name."""
