@@ -18,12 +18,6 @@ def shaken(motion: Tensor, offsets: Tensor) -> Tensor:
     return motion + offsets
 
 
-def late(targets: Tensor, lag: Tensor) -> Tensor:
-    """Return, of positions (batch, steps, 4, 3), those `lag` steps before, (batch, 1) int, or the first."""
-    source = (torch.arange(targets.shape[1], device=targets.device) - lag).clamp(min=0)  # (batch, steps)
-    return targets[torch.arange(len(targets), device=targets.device)[:, None], source]
-
-
 def replaced(motion: Tensor, where: Tensor, other: Tensor) -> Tensor:
     """Return motions of which those in `where` are others: stopped, or leaving the object.
 

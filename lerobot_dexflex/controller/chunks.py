@@ -45,6 +45,10 @@ class ChunkScale(nn.Module):
         unit = (chunks / self.scale[..., None]).clamp(-_CLIP, _CLIP)
         return unit.transpose(-2, -3).flatten(-2)
 
+    def normalize_past(self, first_steps: Tensor) -> Tensor:
+        """Return first steps of earlier drafts (batch, drafts, 4, 3) [m] as (batch, drafts * 12) alike."""
+        return (first_steps / self.scale[0, :, None]).clamp(-_CLIP, _CLIP).flatten(1)
+
     def restore(self, values: Tensor) -> Tensor:
         """Return (..., 4, horizon * 3) as chunks (..., horizon, 4, 3) [m]."""
         return values.unflatten(-1, (-1, 3)).transpose(-2, -3) * self.scale[..., None]

@@ -138,7 +138,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
             latent: `Dream.latent` of the candidates; zeros hide it.
         """
         normalize = self.scale.normalize
-        past = (drafts_history / self.scale.scale[0, :, None]).clamp(-6.0, 6.0).flatten(1)
+        past = self.scale.normalize_past(drafts_history)
         scores = self.ranker(state, normalize(draft), past, normalize(_chunks(candidates)), latent)
         return check_output("score", scores)
 

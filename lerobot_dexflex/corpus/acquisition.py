@@ -19,10 +19,10 @@ from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.world import Support, World
 from lerobot_dexflex.envs.reach import DROP_STEPS, ReachEpisode
 from lerobot_dexflex.experts.command import min_jerk
-from lerobot_dexflex.experts.reach.operator import LARGEST_TORQUE, Guidance, Operator
+from lerobot_dexflex.experts.reach.operator import Guidance, Operator
 from lerobot_dexflex.experts.reach.sensing import Senses
-from lerobot_dexflex.hand import kernels, leap
-from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,6 @@ _DEPTH = 0.004
 _MAX_STEP = 0.006
 """Longest motion per control step [m]."""
 _SOFTNESS = (0.01, 0.06)
-_LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
 
 
 class Opening(NamedTuple):
@@ -226,6 +225,4 @@ class Acquisition:
 def _joints(run: RunningEpisode, tips: Array, grip: Array, points: Array) -> Array:
     """Return joint targets [rad] (16,) that bring the tips somewhere and press."""
     solved = kernels.solve_fingertips(tips, run.env.command if not grip.any() else run.now.joints)
-    torques = kernels.contact_torques(run.now.joints, points, grip)
-    leads = np.clip(torques, -LARGEST_TORQUE, LARGEST_TORQUE) / leap.KP
-    return np.clip(solved + leads, _LOWER, _UPPER)
+    return gripping_joints(solved, run.now.joints, points, grip)

@@ -12,16 +12,15 @@ from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS, SNAPSHOT_IN
 from lerobot_dexflex.corpus.shard import Shard
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.envs.reach import DROP_DISTANCE, GOAL_RADIUS, ReachEpisode
-from lerobot_dexflex.experts.reach.operator import LARGEST_TORQUE, Guidance
+from lerobot_dexflex.experts.reach.operator import Guidance
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
-from lerobot_dexflex.hand import kernels, leap
-from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
 
 Array = NDArray[np.float64]
 
 _LEFT = DROP_DISTANCE + GOAL_RADIUS
 """The object has left the hand this far from where the episode began [m]."""
-_LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
 
 
 class Leader(Protocol):
@@ -107,9 +106,7 @@ class RunningEpisode:
         """Return joint targets [rad] that move the tips [m] (4, 3) with the leader's grip."""
         now = self.now
         solved = kernels.solve_fingertips(now.tips + motion, now.joints)
-        torques = kernels.contact_torques(now.joints, guidance.points, guidance.grip)
-        leads = np.clip(torques, -LARGEST_TORQUE, LARGEST_TORQUE) / leap.KP
-        return np.clip(solved + leads, _LOWER, _UPPER)
+        return gripping_joints(solved, now.joints, guidance.points, guidance.grip)
 
     def finish(self) -> Shard:
         """Return the recorded episode."""

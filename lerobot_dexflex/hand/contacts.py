@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from torch import Tensor
 
-from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand import kernels, leap
 from lerobot_dexflex.hand.kinematics import as_array, pads
 from lerobot_dexflex.hand.leap import FINGERS
 
@@ -110,6 +110,20 @@ def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 
     joints = torch.from_numpy(kernels.solve_pads(*arrays, int(iterations))).to(seed)
     centres, outward = pads(joints)
     return PadSolution(joints, (points - centres).norm(dim=-1), -(normals * outward).sum(-1))
+
+
+def gripping_joints(targets: Array, joints: Array, points: Array, forces: Array) -> Array:
+    """Return joint targets [rad] (16,) within the limits that also exert forces, by leading the joints.
+
+    Args:
+        targets: Joint targets without the forces [rad]. Shape (16,).
+        joints: Measured joints [rad]. Shape (16,).
+        points: Where the fingers press [m], palm frame. Shape (4, 3).
+        forces: Forces of the fingers on what they touch [N], palm frame. Shape (4, 3).
+    """
+    torques = kernels.contact_torques(joints, points, forces)
+    leads = np.clip(torques, -leap.GRIP_TORQUE, leap.GRIP_TORQUE) / leap.KP
+    return np.clip(targets + leads, kernels.LOWER.ravel(), kernels.UPPER.ravel())
 
 
 def balance_forces(

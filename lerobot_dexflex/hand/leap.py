@@ -25,6 +25,8 @@ ARMATURE = 0.0015
 """Reflected rotor inertia [kg m^2]: 1.7e-8 * 288^2 (MuJoCo Playground)."""
 TORQUE = 0.6
 """Torque limit [N m]; the thumb then presses with about 6 N."""
+GRIP_TORQUE = 0.55
+"""Largest torque with which a grip loads a joint [N m], a little less than the motors have."""
 MAX_SPEED = 81 * 2 * math.pi / 60
 """Largest speed of a joint [rad/s]: the servo's, Dynamixel XC330-M288-T at 5 V without load, 81 rev/min
 (ROBOTIS e-manual)."""

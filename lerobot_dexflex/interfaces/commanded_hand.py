@@ -17,8 +17,6 @@ from lerobot_dexflex.interfaces.protocol import CommandSpace
 N_JOINTS = len(leap.LINKS)
 LARGEST_STEP = leap.MAX_SPEED * CONTROL_PERIOD
 """Largest change of a joint target in a control step [rad]: what the servo can follow."""
-LARGEST_TORQUE = 0.55
-"""Largest torque with which a grip loads a joint [N m], a little less than LEAP's motors have."""
 
 
 class Measured(NamedTuple):
@@ -142,7 +140,7 @@ class CommandedInterface(ABC):
         posture = solve_fingertips(goal, self._hand.posture)
         joints = posture
         if torques is not None:
-            lead = torques.clamp(-LARGEST_TORQUE, LARGEST_TORQUE) / leap.KP
+            lead = torques.clamp(-leap.GRIP_TORQUE, leap.GRIP_TORQUE) / leap.KP
             joints = (posture + lead).clamp(JOINT_LOWER.to(posture), JOINT_UPPER.to(posture))
         joints = self._hand.execute(joints, posture)
         self._motion = motion

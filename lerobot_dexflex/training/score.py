@@ -117,7 +117,7 @@ class ScoreStage(Stage):
 
     def _score(self, network: Score, batch: Batch, latent: Tensor) -> Tensor:
         scale = self._controller.scale
-        past = (batch.past / scale.scale[0, :, None]).clamp(-6.0, 6.0).flatten(1)
+        past = scale.normalize_past(batch.past)
         return network(batch.state, scale.normalize(batch.draft), past, scale.normalize(batch.chunks), latent)
 
     def _picked(self, network: Score, batch: Batch, latent: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ from lerobot_dexflex.corpus.schema import OPERATED, SNAPSHOT_INTERVAL, check_row
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.experts.reach.operator import LARGEST_TORQUE, Guidance, Operator
+from lerobot_dexflex.experts.reach.operator import Guidance, Operator
 from lerobot_dexflex.hand import kernels, leap
 
 HALF, SINGLE = 1e-5, 1e-7
@@ -56,7 +56,7 @@ def test_the_operators_own_joints_are_executed_or_the_draft_with_its_grip(record
             np.testing.assert_array_equal(executed, guidance.joints.astype(np.float32))
             continue
         torques = kernels.contact_torques(now.joints, guidance.points, guidance.grip)
-        assert np.abs(torques).max() < LARGEST_TORQUE  # The grip's bound is not reached here.
+        assert np.abs(torques).max() < leap.GRIP_TORQUE  # The grip's bound is not reached here.
         posture = kernels.solve_fingertips(now.tips + draft[0], now.joints)
         led = np.clip(posture + torques / leap.KP, kernels.LOWER.ravel(), kernels.UPPER.ravel())
         np.testing.assert_allclose(executed, led, atol=1e-6)

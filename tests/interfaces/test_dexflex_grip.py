@@ -9,7 +9,6 @@ from lerobot_dexflex.controller import HistoryBuffer
 from lerobot_dexflex.conventions import FINGERTIPS
 from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.kinematics import contact_torques, finger_frames, pads, solve_fingertips
-from lerobot_dexflex.interfaces.commanded_hand import LARGEST_TORQUE
 from lerobot_dexflex.interfaces.grip import Grip, ServoSettings
 from lerobot_dexflex.interfaces.press import PressInterface, PressSettings
 
@@ -22,7 +21,7 @@ def led(seen, motion, forces, points):
     joints = joints_of(seen)
     posture = solve_fingertips(tips_of(seen) + motion, joints)
     torques = contact_torques(joints, points, forces)
-    assert torques.abs().max() < LARGEST_TORQUE
+    assert torques.abs().max() < leap.GRIP_TORQUE
     return posture + torques / leap.KP
 
 
@@ -121,7 +120,7 @@ def test_a_grip_beyond_the_motors_is_bounded(controller):
         targets.append(interface.step(seen, 0 * draft_of(1)))
     torch.testing.assert_close(*targets, **SINGLE)
     lead = (targets[0] - joints_of(seen)).abs().max()
-    assert lead.item() == pytest.approx(LARGEST_TORQUE / leap.KP, abs=1e-6)
+    assert lead.item() == pytest.approx(leap.GRIP_TORQUE / leap.KP, abs=1e-6)
 
 
 def test_without_learned_forces_touching_fingers_press_with_the_constant_of_press(controller):

@@ -9,7 +9,6 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.kinematics import contact_torques, pads, solve_fingertips
 from lerobot_dexflex.interfaces import make_interface
-from lerobot_dexflex.interfaces.commanded_hand import LARGEST_TORQUE
 from lerobot_dexflex.interfaces.grip import RECENT, Grip, ServoSettings, loads_of
 
 NO_SERVO = "servo=0+back=0"
@@ -40,7 +39,7 @@ def test_touching_fingers_lead_by_their_torques_over_the_gain_and_others_do_not(
 
 def test_the_lead_is_bounded_by_the_torque_of_the_motors():
     found = lead(make_interface(f"press:60+{NO_SERVO}"), touching(1.0), still())
-    assert found.abs().amax() == pytest.approx(LARGEST_TORQUE / leap.KP)
+    assert found.abs().amax() == pytest.approx(leap.GRIP_TORQUE / leap.KP)
 
 
 def test_the_grip_is_no_motion():

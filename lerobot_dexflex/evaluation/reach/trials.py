@@ -9,16 +9,13 @@ from numpy.typing import NDArray
 from lerobot_dexflex.commands.loop import Slot
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts.reach.sensing import HandState
-from lerobot_dexflex.hand import kernels, leap
-from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.interfaces.commanded_hand import LARGEST_TORQUE
+from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
 
 Array = NDArray[np.float64]
 LOST_GRASP, LOST_FINGER = 1000.0, 40.0
 """Cost of holding with fewer than two fingers at any step, and of each loaded finger that ends unloaded,
 beside the mean squared distance of fingertips from where they are wanted [mm^2]."""
-
-_LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
 
 
 class Outcomes(NamedTuple):
@@ -58,9 +55,8 @@ def try_out(
         for offset in chunk[last]:
             posture = kernels.solve_fingertips(slot.state.tips + offset, posture)
             centres = kernels.pads(state.joints)[0]
-            torques = kernels.contact_torques(state.joints, centres, grip(state))
-            leads = np.clip(torques, -LARGEST_TORQUE, LARGEST_TORQUE) / leap.KP
-            state = slot.held.execute(np.clip(posture + leads, _LOWER, _UPPER))
+            joints = gripping_joints(posture, state.joints, centres, grip(state))
+            state = slot.held.execute(joints)
             least = min(least, int((state.loads > CONTACT_FORCE).sum()))
         lost, grasp_lost = loaded & (state.loads <= CONTACT_FORCE), least < min(2, int(loaded.sum()))
         distance = 1e6 * float(np.square((chunk - wanted)[last]).sum(-1).mean())

@@ -20,8 +20,8 @@ from lerobot_dexflex.experts.reach.fingers import FingerStates, Mode
 from lerobot_dexflex.experts.reach.paths import destination, follow_paths, next_on_path, shortened
 from lerobot_dexflex.experts.reach.regrasp import regrasp_points
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
-from lerobot_dexflex.hand import kernels, leap
-from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.poses import quaternion_matrix, quaternion_of, quaternion_product, rotation_between
 from lerobot_dexflex.hand.surfaces import surface_samples
@@ -43,8 +43,6 @@ _PULL, _LARGEST_PULL = (100.0, 0.25), (2.0, 0.05)
 """Wrench toward the goal: [N/m], [N m/rad], and at most [N], [N m]; it overcomes friction at rest."""
 _PRELOAD_GAIN, _FRICTION_SHARE = 1.5, 0.9
 _REALIGN, _FORCE_SMOOTHING = 0.3, 0.3
-LARGEST_TORQUE = 0.55
-"""Largest torque with which the grip loads a joint [N m]."""
 _LOST_AFTER = 3
 """A finger without load for so many steps no longer carries."""
 _POSTURE_WEIGHT, _HOME = 0.01, 0.1
@@ -155,9 +153,7 @@ class Operator:
         forces, grip = self._forces(now, points, carrying)
         joints, motion = self._first_step(now, points, carrying)
         tips = self._ahead(now, points, carrying, motion)
-        torques = kernels.contact_torques(now.joints, points, grip)
-        leads = np.clip(torques, -LARGEST_TORQUE, LARGEST_TORQUE) / leap.KP
-        return Guidance(tips, forces, grip, points, np.clip(joints + leads, _LOWER, _UPPER))
+        return Guidance(tips, forces, grip, points, gripping_joints(joints, now.joints, points, grip))
 
     def regrasp(self, finger: int, anchor: Array, inward: Array, now: HandState) -> None:
         """Send a finger to a new anchor [m] (3,) with contact normal `inward` (3,), in the object's frame."""
@@ -331,8 +327,7 @@ class Operator:
         tips = np.empty((DRAFT_HORIZON, 4, 3))
         paths = {int(k): (fingers.free[k], int(fingers.mode[k]), int(fingers.timer[k])) for k in range(4)}
         offset, turned = self._ahead_of(now)
-        way = self.goal[0] - now.position
-        turn = rotation_between(now.quaternion, self.goal[1])
+        way, turn = self._way(now)
         first = np.zeros((4, 3))
         for step in range(DRAFT_HORIZON):
             if step:
