@@ -1,7 +1,9 @@
 """Kind 1: take an object from a fixture, carry it for a while, give it back and let go.
 
 The grasp is known to hold; the script finds a way to it. The fixture is the scene's weld: it carries the
-object until all fingers squeeze, and again before they open.
+object until all fingers squeeze, and again while they open. What fingers shall press follows from what can
+be observed: a finger presses from its first touch on, or once it has come to rest while another touches; it
+stops when its plan leads away.
 """
 
 from collections.abc import Callable
@@ -19,7 +21,8 @@ from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.world import Support, World
 from lerobot_dexflex.envs.reach import DROP_STEPS, ReachEpisode
 from lerobot_dexflex.experts.command import min_jerk
-from lerobot_dexflex.experts.reach.operator import Guidance, Operator
+from lerobot_dexflex.experts.reach.balance import balance_forces
+from lerobot_dexflex.experts.reach.operator import LEAST_FORCE, PRELOAD, Guidance, Operator
 from lerobot_dexflex.experts.reach.sensing import Senses
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
@@ -32,9 +35,10 @@ _RETREAT_INCREMENTS = 12
 _ATTEMPTS = 4
 _OVERLAP = 0.0005
 _TOUCHED = 2 * CONTACT_FORCE
-_CLOSE_STEPS = 30
-_DEPTH = 0.004
-"""How deep the way in leads into the object [m]: the fingers stop where they touch."""
+_CLOSE_STEPS, _RAMP_STEPS, _RELEASE_STEPS = 36, 6, 3
+"""Longest duration of closing, and the steps in which a finger's force builds up and goes."""
+_DEPTH = (-0.0015, 0.004)
+"""How deep the ways in lead into the object [m]: fingers stop where they touch, or just before."""
 _MAX_STEP = 0.006
 """Longest motion per control step [m]."""
 _SOFTNESS = (0.01, 0.06)
@@ -110,13 +114,14 @@ class Acquisition:
             self._squeeze,
             self._carry,
             self._let_go,
-            self._retreat,
         ]
         self._timer = 0
-        self._start, self._target, self._inward = np.zeros((3, 4, 3))
+        self._start, self._target = np.zeros((2, 4, 3))
         self._duration = 0
         self._delay = rng.integers(0, 6, 4)
         self._touched = ~opening.active
+        self._pressed = np.zeros(4)
+        self._squeezed, self._held = np.zeros((2, 4, 3))
         self._operator: Operator | None = None
         self._follower: GoalFollower | None = None
 
@@ -142,18 +147,34 @@ class Acquisition:
         return self._on_the_way(run)
 
     def _close(self, run: RunningEpisode) -> Guidance | None:
-        """Move every finger on until it touches."""
+        """Move every finger on until it touches; it presses while the others come."""
+        active, inward = self._opening.active, self._opening.inward
         if self._timer == 0:
-            self._begin(run, self._opening.closed + _DEPTH * self._opening.inward, 8, 18)
+            depth = self._rng.uniform(*_DEPTH, (4, 1))
+            self._begin(run, self._opening.closed + depth * inward, 8, 18)
+            self._squeezed[active], _ = balance_forces(
+                self._opening.closed[active],
+                inward[active],
+                run.now.position,
+                np.zeros(6),
+                run.senses.friction,
+                PRELOAD,
+                LEAST_FORCE,
+            )
         self._touched |= run.now.loads > _TOUCHED
-        if self._touched.all() or self._timer >= _CLOSE_STEPS:
+        arrived = self._timer >= self._duration + self._delay
+        pressing = active & (self._touched | (arrived & (run.now.loads > _TOUCHED).any()))
+        self._pressed += pressing
+        if (self._pressed[active] > _RAMP_STEPS).all() or self._timer >= _CLOSE_STEPS:
             return None
-        return self._on_the_way(run, waiting=self._touched)
+        forces = np.minimum(1.0, self._pressed / _RAMP_STEPS)[:, None] * self._squeezed
+        return self._on_the_way(run, waiting=self._touched, forces=forces)
 
     def _squeeze(self, run: RunningEpisode) -> Guidance | None:
-        """Build up the forces that hold the object, the fixture still carrying it."""
+        """Balance the forces that hold the object, the fixture still carrying it."""
         if self._timer == 0:
             self._operator = Operator(run.senses, self._rng, self._strength)
+            self._operator.expect(self._opening.inward, run.now)
             self._duration = int(self._rng.integers(6, 14))
         assert self._operator is not None
         return None if self._timer >= self._duration else self._operator.guide(run.now)
@@ -168,44 +189,37 @@ class Acquisition:
         return self._follower.guide(run)
 
     def _let_go(self, run: RunningEpisode) -> Guidance | None:
-        """Give the object back to a fixture where it is and take the squeeze away."""
+        """Give the object back to a fixture where it is and take the pads away, one later than another."""
         if self._timer == 0:
             softness = float(self._rng.uniform(*_SOFTNESS))
             pose = tuple(run.now.position.tolist()), tuple(run.now.quaternion.tolist())
             run.env.world.supports.append(Support(run.env.clock, None, *pose, softness))
-            self._duration, self._inward = int(self._rng.integers(3, 8)), run.now.inward
-        if self._timer >= self._duration:
-            return None
-        return self._relax(run, 1.0 - (self._timer + 1) / self._duration)
-
-    def _retreat(self, run: RunningEpisode) -> Guidance | None:
-        """Move the pads away from the object."""
-        if self._timer == 0:
-            away = self._rng.uniform(*_OPENING, (4, 1)) * self._inward
+            assert self._follower is not None
+            self._held = self._follower.operator.guide(run.now).forces
+            away = self._rng.uniform(*_OPENING, (4, 1)) * run.now.inward
             self._begin(run, run.now.tips - away, 10, 24)
-            self._delay = self._rng.integers(0, 5, 4)
+            self._delay = self._rng.integers(2, 12, 4)
         if self._timer >= self._duration + self._delay.max():
             return None
-        return self._on_the_way(run)
+        share = np.clip((self._delay - self._timer) / _RELEASE_STEPS, 0, 1)[:, None]
+        return self._on_the_way(run, forces=share * self._held)
 
     def _begin(self, run: RunningEpisode, target: Array, shortest: int, longest: int) -> None:
         self._start, self._target = run.now.tips.copy(), target
         self._duration = int(self._rng.integers(shortest, longest))
 
-    def _relax(self, run: RunningEpisode, share: float) -> Guidance:
-        """Return guidance that stays and presses with a share of the forces of holding."""
-        assert self._follower is not None
-        held = self._follower.operator.guide(run.now)
-        tips = np.tile(run.now.tips, (DRAFT_HORIZON, 1, 1))
-        forces, grip = share * held.forces, share * held.grip
-        return Guidance(tips, forces, grip, held.points, _joints(run, tips[0], grip, held.points))
-
-    def _on_the_way(self, run: RunningEpisode, waiting: NDArray[np.bool_] | None = None) -> Guidance:
-        """Return guidance along the minimum-jerk way from start to target, without force.
+    def _on_the_way(
+        self,
+        run: RunningEpisode,
+        waiting: NDArray[np.bool_] | None = None,
+        forces: Array | None = None,
+    ) -> Guidance:
+        """Return guidance along the minimum-jerk way from start to target.
 
         Args:
             run: The episode.
             waiting: Fingers that stay where they are. Shape (4,).
+            forces: What the fingers should press [N], none by default. Shape (4, 3).
         """
         tips = np.empty((DRAFT_HORIZON, 4, 3))
         place = run.now.tips
@@ -218,11 +232,15 @@ class Acquisition:
             tips[ahead] = place
         if waiting is not None:
             tips[:, waiting] = run.now.tips[waiting]
-        still = np.zeros((4, 3))
-        return Guidance(tips, still, still, run.now.tips, _joints(run, tips[0], still, run.now.tips))
+        forces = np.zeros((4, 3)) if forces is None else forces
+        return _guidance(run, tips, forces, self._strength * forces)
 
 
-def _joints(run: RunningEpisode, tips: Array, grip: Array, points: Array) -> Array:
-    """Return joint targets [rad] (16,) that bring the tips somewhere and press."""
-    solved = kernels.solve_fingertips(tips, run.env.command if not grip.any() else run.now.joints)
-    return gripping_joints(solved, run.now.joints, points, grip)
+def _guidance(run: RunningEpisode, tips: Array, forces: Array, grip: Array) -> Guidance:
+    """Return guidance with the joint targets that bring the tips somewhere and press."""
+    now = run.now
+    pressing = np.abs(grip).max(1) > 0
+    # A free finger goes on from its command, so that it arrives; one that presses must not wind up.
+    begin = np.where(np.repeat(pressing, 4), now.joints, run.env.command)
+    joints = gripping_joints(kernels.solve_fingertips(tips[0], begin), now.joints, now.points, grip)
+    return Guidance(tips, forces, grip, now.points, joints)

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 _GOAL_STEPS = 50
 _GAIT_SHARE = 0.4
 """How often the operator moves a finger to a better place before it goes on."""
-_REST_SHARE, _REST_STEPS = 0.2, (5, 30)
+_REST_SHARE, _REST_STEPS = 0.2, (5, 50)
 """How often it only holds the object for a while."""
 
 

@@ -28,6 +28,8 @@ _MAX_ROUNDS = 12
 _DISTORTED = 0.3
 """How often the drafts of an acquisition are spoilt."""
 _DISTURBED = 0.7
+_ACQUISITION_STEPS = 150
+"""About how long an acquisition takes."""
 _STRENGTH = (0.6, 1.8)
 """Factor of the squeeze that is executed: the right grip has to be felt."""
 
@@ -103,7 +105,10 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
         errors = sample_errors(rng, clean_share=1.0 - _DISTORTED)
         strength = float(rng.uniform(*_STRENGTH))
         facts = {"seed": seed, "errors": errors.name, "strength": strength}
-        opened = open_episode(_varied(episode, rng), world, opening, rng)
+        varied = _varied(episode, rng)
+        if rng.random() < _DISTURBED:
+            world.disturb(rng, _ACQUISITION_STEPS, varied.object_spec.mass)
+        opened = open_episode(varied, world, opening, rng)
         run = RunningEpisode(env, opened, world, ACQUIRED, facts)
         run.run(Acquisition(opening, rng, strength), Distortion(errors, rng))
         facts["released"] = not run.lost_steps

@@ -27,6 +27,8 @@ _PUSH_STEPS, _LOAD_STEPS, _LOAD_SHARE = (2, 7), (15, 60), 0.4
 _SLIP_STEPS, _SLIP_SHARE = (4, 13), (0.3, 0.7)
 _MAX_SWAY, _SWAY_PERIOD = 4.0, (15.0, 60.0)
 """Acceleration of a moving palm [m/s^2], and control steps of its period."""
+_LEVER_SHARE, _MAX_LEVER, _MAX_LEVER_TORQUE = 0.5, 0.05, 0.08
+"""How often the centre of mass is off, by how much [m] and by which torque of gravity [N m] at most."""
 _MEAN_INTERVAL = 50
 """Control steps from one push, and from one slip, to the next."""
 
@@ -85,6 +87,8 @@ class World:
     """Amplitude of the palm's acceleration, which the object feels [m/s^2], palm frame."""
     sway_period: float = 1.0
     """Of that [control steps]."""
+    lever: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """How far the object's centre of mass is moved, as a tool's head does [m], object frame."""
     pushes: list[Push] = field(default_factory=list)
     slips: list[Slip] = field(default_factory=list)
     supports: list[Support] = field(default_factory=list)
@@ -102,7 +106,7 @@ class World:
         )
 
     def disturb(self, rng: np.random.Generator, steps: int, mass: float) -> None:
-        """Let the palm move, add random wrenches and slips within `steps` control steps.
+        """Let the palm move, the centre of mass be off; add wrenches and slips within `steps` steps.
 
         Args:
             rng: Source of randomness.
@@ -113,6 +117,9 @@ class World:
         if rng.random() < 0.5:
             self.sway = tuple((rng.uniform(0, _MAX_SWAY) * _direction(rng)).tolist())
             self.sway_period = float(rng.uniform(*_SWAY_PERIOD))
+        if rng.random() < _LEVER_SHARE:
+            arm = min(_MAX_LEVER, _MAX_LEVER_TORQUE / (mass * GRAVITY))
+            self.lever = tuple((rng.uniform(0, arm) * _direction(rng)).tolist())
         for start in _starts(rng, steps):
             force = min(rng.uniform(*_PUSH_SHARE) * weight, _MAX_PUSH) * _direction(rng)
             torque = rng.uniform(0, _MAX_TWIST) * _direction(rng)
@@ -133,6 +140,7 @@ class World:
         events = {
             "gains": tuple(values["gains"]),
             "sway": tuple(values["sway"]),
+            "lever": tuple(values["lever"]),
             "pushes": [Push(**entry) for entry in values["pushes"]],
             "slips": [Slip(**entry) for entry in values["slips"]],
             "supports": [Support(**entry) for entry in values["supports"]],
@@ -164,6 +172,7 @@ class WorldPhysics:
         self._tips = [model.geom(f"{finger}_{part}").id for finger in FINGERS for part in ("tip", "nose")]
         self._friction = model.geom_friction[self._tips, 0].copy()
         self._object, self._weld = model.body(OBJECT).id, model.equality(HOLD).id
+        model.body_ipos[self._object] += world.lever
 
     def apply(self, data: mujoco.MjData, step: int) -> None:
         """Set forces, friction and support of a control step; call before every step."""

@@ -155,6 +155,18 @@ class Operator:
         tips = self._ahead(now, points, carrying, motion)
         return Guidance(tips, forces, grip, points, gripping_joints(joints, now.joints, points, grip))
 
+    def expect(self, inward: Array, now: HandState) -> None:
+        """Take idle fingers for holding where they will touch, along contact normals in the palm frame.
+
+        Args:
+            inward: Unit normals into the object; zero for fingers that stay idle. Shape (4, 3).
+            now: The state.
+        """
+        fingers = self.fingers
+        idle = (fingers.mode == Mode.PARKED) & (np.abs(inward).max(1) > 0)
+        fingers.mode[idle], fingers.timer[idle] = Mode.HOLD, _LOST_AFTER
+        fingers.inward[idle] = inward[idle] @ now.rotation
+
     def regrasp(self, finger: int, anchor: Array, inward: Array, now: HandState) -> None:
         """Send a finger to a new anchor [m] (3,) with contact normal `inward` (3,), in the object's frame."""
         fingers = self.fingers
@@ -267,7 +279,9 @@ class Operator:
             way, turn = self._way(now)
             pull = shortened(_PULL[0] * way, _LARGEST_PULL[0])
             twist = shortened(_PULL[1] * turn, _LARGEST_PULL[1])
-            wrench = np.concatenate([pull - senses.mass * senses.gravity, twist])
+            weight = senses.mass * senses.gravity
+            lever = np.cross(now.centre - now.position, weight)
+            wrench = np.concatenate([pull - weight, twist - lever])
             preload = max(self.preload, _PRELOAD_GAIN * senses.mass * GRAVITY)
             inward = fingers.inward[holding] @ now.rotation.T
             friction = _FRICTION_SHARE * senses.friction
@@ -281,6 +295,8 @@ class Operator:
                     strength * preload,
                     strength * LEAST_FORCE,
                 )
+        seeking = (fingers.mode == Mode.HOLD) & ~carrying  # They press on, to feel the object again.
+        wanted[:, seeking] = LEAST_FORCE * (fingers.inward @ now.rotation.T)[seeking]
         before = wanted if fingers.forces is None else fingers.forces
         fingers.forces = before + _FORCE_SMOOTHING * (wanted - before)
         fingers.forces[:, fingers.mode > 0] = 0.0

@@ -22,6 +22,8 @@ class HandState(NamedTuple):
     """Object orientation (w x y z). Shape (4,)."""
     rotation: Array
     """The same as a matrix. Shape (3, 3)."""
+    centre: Array
+    """Centre of mass of the object [m]. Shape (3,)."""
     tips: Array
     """Measured fingertips [m]. Shape (4, 3)."""
     joints: Array
@@ -79,6 +81,7 @@ class Senses:
             position,
             quaternion,
             quaternion_matrix(quaternion),
+            data.xipos[self._object].copy(),
             tips,
             data.qpos[:16].copy(),
             loads,
