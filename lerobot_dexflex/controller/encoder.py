@@ -140,6 +140,7 @@ class Encoder(nn.Module):
         self.slow = SlowToken(config)
         self.load_head = nn.Linear(config.finger_width, 1)
         self.contact_head = nn.Linear(config.finger_width + config.body_width + config.contact_width, 1)
+        self.grip_head = nn.Linear(config.slow_width, _FINGERS)
 
     def forward(self, history: History, slow: Tensor | None = None) -> State:
         """Encode a history.
@@ -173,15 +174,16 @@ class Encoder(nn.Module):
             history = history.without_touch()
         return self.slow(history)[0]
 
-    def readout(self, state: State) -> tuple[Tensor, Tensor]:
+    def readout(self, state: State) -> tuple[Tensor, Tensor, Tensor]:
         """Return what the latents say in plain terms.
 
         Returns:
-            log(1 + load [N]) per finger, and the logit that it carries load a horizon later; (batch, 4) each.
+            log(1 + load [N]) per finger, the logit that it carries load a horizon later, and what the slow
+            token alone says of log(1 + right force [N]); (batch, 4) each.
         """
         shared = torch.cat([state.body, state.contact], -1).unsqueeze(1).expand(-1, _FINGERS, -1)
         later = self.contact_head(torch.cat([state.fingers, shared], -1)).squeeze(-1)
-        return self.load_head(state.fingers).squeeze(-1), later
+        return self.load_head(state.fingers).squeeze(-1), later, self.grip_head(state.slow)
 
     def _proprioception(self, history: History) -> tuple[Tensor, Tensor]:
         """Return joints (batch, frames, 4, 4) and tips (batch, frames, 4, 3): now, then changes since."""

@@ -52,18 +52,15 @@ class Block(nn.Module):
         return x + gate3 * self.mlp(_modulate(x, shift3, scale3))
 
     def _attend_chunk(self, x: Tensor) -> Tensor:
-        q, k, v = self.qkv(x).unflatten(-1, (3, self.heads, -1)).permute(3, 0, 1, 4, 2, 5)
-        scores = (q @ k.mT).mul(q.shape[-1] ** -0.5)  # (batch, draws, heads, tokens, tokens)
-        return self.out((scores.softmax(-1) @ v).transpose(2, 3).flatten(3))
+        rows = x.flatten(0, 1)  # (batch * draws, fingers, width)
+        q, k, v = self.qkv(rows).unflatten(-1, (3, self.heads, -1)).permute(2, 0, 3, 1, 4)
+        mixed = functional.scaled_dot_product_attention(q, k, v)
+        return self.out(mixed.transpose(1, 2).reshape(x.shape))
 
     def _attend_state(self, x: Tensor, context: Context) -> Tensor:
-        batch, draws, tokens, _ = x.shape
-        q = self.query(x).view(batch, draws * tokens, self.heads, -1).transpose(1, 2)
-        scores = (q @ context.keys.mT).mul(
-            q.shape[-1] ** -0.5
-        )  # (batch, heads, draws * tokens, state tokens)
-        mixed = (scores.softmax(-1) @ context.values).transpose(1, 2)
-        return self.cross_out(mixed.reshape(batch, draws, tokens, -1))
+        q = self.query(x.flatten(1, 2)).unflatten(-1, (self.heads, -1)).transpose(1, 2)
+        mixed = functional.scaled_dot_product_attention(q, context.keys, context.values)
+        return self.cross_out(mixed.transpose(1, 2).reshape(x.shape))
 
 
 class Prior(nn.Module):
@@ -117,12 +114,7 @@ class Prior(nn.Module):
         Returns:
             Shape of `x`.
         """
-        condition = self.time(torch.cat([_waves(t), _waves(step)], -1)) + context.summary
-        modulation = self.modulation(condition).unflatten(-1, (_MODULATIONS, -1))
-        tokens = self.chunk_in(x) + self.place
-        for block in self.blocks:
-            tokens = block(tokens, modulation, context)
-        return self.chunk_out(functional.layer_norm(tokens, tokens.shape[-1:]))
+        return self._aim(x, self._modulate(t, step, context.summary), context)
 
     def velocity(self, x: Tensor, t: Tensor, step: Tensor, context: Context) -> Tensor:
         """Return the mean dx/dt over a step that begins at (x, t); arguments as for `aim`."""
@@ -140,14 +132,26 @@ class Prior(nn.Module):
         Returns:
             Clean normalised chunks. Shape of `x`.
         """
-        size = ((1 - start) / steps).expand(len(x), -1, -1)
-        t = start.expand(len(x), -1, -1)
+        levels, which = start.unique(return_inverse=True)  # Few: what depends on time is computed once each.
+        t, size = levels, (1 - levels) / steps
         for _ in range(steps):
-            aim = self.aim(x, t, size, context)
+            modulation = self._modulate(t, size, context.summary.squeeze(1))
+            modulation = modulation.index_select(1, which.flatten()).unflatten(1, which.shape)
             share = torch.where(size > 0, size / (1 - t).clamp(min=1e-4), 0.0).clamp(max=1)
-            x = x + share[..., None] * (aim - x)
+            x = x + share[which][..., None] * (self._aim(x, modulation, context) - x)
             t = t + size
         return x
+
+    def _modulate(self, t: Tensor, step: Tensor, summary: Tensor) -> Tensor:
+        """Return what times (...,) and summaries (batch, ..., width) do to blocks: (batch, ..., 7, width)."""
+        condition = self.time(torch.cat([_waves(t), _waves(step)], -1)) + summary
+        return self.modulation(condition).unflatten(-1, (_MODULATIONS, -1))
+
+    def _aim(self, x: Tensor, modulation: Tensor, context: Context) -> Tensor:
+        tokens = self.chunk_in(x) + self.place
+        for block in self.blocks:
+            tokens = block(tokens, modulation, context)
+        return self.chunk_out(functional.layer_norm(tokens, tokens.shape[-1:]))
 
 
 def _modulate(x: Tensor, shift: Tensor, scale: Tensor) -> Tensor:

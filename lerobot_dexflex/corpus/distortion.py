@@ -1,4 +1,4 @@
-"""Bad drafts with breaks: spoilt stretches bring the hand off its way, clean ones show the way back."""
+"""Bad drafts with breaks, and an unsteady grip: they bring the hand off its way, labels show the way back."""
 
 import numpy as np
 import torch
@@ -33,6 +33,29 @@ def sample_errors(rng: np.random.Generator, clean_share: float = _CLEAN_SHARE) -
     low, high = _STRENGTHS[family]
     strength = float(rng.integers(low, high + 1)) if family == "delay" else float(rng.uniform(low, high))
     return CommandErrors((CommandError(family, strength),))
+
+
+_LARGEST_UNSTEADINESS, _STEADINESS = 0.5, 0.8
+"""Size of a grip's errors, of the forces themselves, and their correlation from step to step."""
+
+
+class UnsteadyGrip:
+    """Errors of the executed forces as a learner would make them (DART, Laskey et al. 2017).
+
+    Args:
+        rng: Source of randomness, of their size, too.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._size = float(rng.uniform(0, _LARGEST_UNSTEADINESS))
+        self._direction = rng.normal(size=(4, 3))
+
+    def step(self, grip: Array) -> Array:
+        """Return what is added to the forces of a grip [N] in this control step. Shapes (4, 3)."""
+        rest = np.sqrt(1 - _STEADINESS**2)
+        self._direction = _STEADINESS * self._direction + rest * self._rng.normal(size=(4, 3))
+        return self._size / np.sqrt(3) * np.linalg.norm(grip, axis=1, keepdims=True) * self._direction
 
 
 class Distortion:

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.corpus.distortion import Distortion
+from lerobot_dexflex.corpus.distortion import Distortion, UnsteadyGrip
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS, SNAPSHOT_INTERVAL
 from lerobot_dexflex.corpus.shard import Shard
@@ -61,22 +61,31 @@ class RunningEpisode:
         """Control steps recorded so far."""
         return len(self._rows)
 
-    def run(self, leader: Leader, distortion: Distortion) -> None:
-        """Let a leader lead to the end: its own command is executed, or its draft, spoilt, by turns."""
+    def run(self, leader: Leader, distortion: Distortion, grip: UnsteadyGrip | None = None) -> None:
+        """Let a leader lead to the end: its own command is executed, or its draft, spoilt, by turns.
+
+        Args:
+            leader: Knows what to do.
+            distortion: Spoils the drafts.
+            grip: Errors of the executed forces; none if None.
+        """
         while (guidance := leader.guide(self)) is not None:
             draft, spoilt = distortion.step(guidance.tips - self.now.tips, self.now)
-            self.step(guidance, draft, spoilt)
+            self.step(guidance, draft, spoilt, None if grip is None else grip.step(guidance.grip))
 
-    def step(self, guidance: Guidance, draft: Array, spoilt: bool) -> None:
+    def step(self, guidance: Guidance, draft: Array, spoilt: bool, error: Array | None = None) -> None:
         """Record the state and execute.
 
         Args:
             guidance: What the leader wants in this state.
             draft: What is left of its plan [m]. Shape (8, 4, 3).
             spoilt: Whether the draft is executed, with the leader's grip; else the leader's own command.
+            error: What is added to the executed forces [N]. Shape (4, 3).
         """
         env, now, seen = self.env, self.now, self.observation
         joints = self._follow(guidance, draft[0]) if spoilt else guidance.joints
+        if error is not None:
+            joints = gripping_joints(joints, now.joints, guidance.points, error)
         joints = joints.astype(COLUMNS["joint_targets"].dtype)  # As recorded, so that it can be replayed.
         if self.steps % SNAPSHOT_INTERVAL == 0:
             self._snapshots.append((self.steps, env.physics_state(), env.command))

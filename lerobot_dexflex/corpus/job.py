@@ -8,7 +8,7 @@ import numpy as np
 
 from lerobot_dexflex.corpus.acquisition import Acquisition, find_opening, open_episode
 from lerobot_dexflex.corpus.config import CorpusConfig
-from lerobot_dexflex.corpus.distortion import Distortion, sample_errors
+from lerobot_dexflex.corpus.distortion import Distortion, UnsteadyGrip, sample_errors
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.goal_follower import GoalFollower
@@ -90,7 +90,7 @@ def _operated(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
         facts = {"seed": seed, "errors": errors.name, "strength": strength}
         run = RunningEpisode(env, varied, world, OPERATED, facts)
         leader = GoalFollower(run, rng, steps, strength)
-        run.run(leader, Distortion(errors, rng))
+        run.run(leader, Distortion(errors, rng), UnsteadyGrip(rng))
         goals = {"goals_attempted": leader.attempted, "goals_solved": leader.solved}
         facts.update(goals)
         yield run.finish()._replace(totals=goals)
@@ -110,7 +110,7 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
             world.disturb(rng, _ACQUISITION_STEPS, varied.object_spec.mass)
         opened = open_episode(varied, world, opening, rng)
         run = RunningEpisode(env, opened, world, ACQUIRED, facts)
-        run.run(Acquisition(opening, rng, strength), Distortion(errors, rng))
+        run.run(Acquisition(opening, rng, strength), Distortion(errors, rng), UnsteadyGrip(rng))
         facts["released"] = not run.lost_steps
         yield run.finish()._replace(totals={"acquisitions": 1, "released": int(facts["released"])})
 

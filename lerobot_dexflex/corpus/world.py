@@ -172,7 +172,9 @@ class WorldPhysics:
         self._tips = [model.geom(f"{finger}_{part}").id for finger in FINGERS for part in ("tip", "nose")]
         self._friction = model.geom_friction[self._tips, 0].copy()
         self._object, self._weld = model.body(OBJECT).id, model.equality(HOLD).id
-        model.body_ipos[self._object] += world.lever
+        if any(world.lever):
+            model.body_ipos[self._object] += world.lever
+            model.body_sameframe[self._object] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
 
     def apply(self, data: mujoco.MjData, step: int) -> None:
         """Set forces, friction and support of a control step; call before every step."""

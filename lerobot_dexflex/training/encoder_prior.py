@@ -40,7 +40,7 @@ class EncoderPriorConfig:
     clean_share: float = 0.4
     """Of these, share of fingers that are shown as they are, so that the others answer to them."""
     readout_weight: float = 0.1
-    """Weight of the losses on loads now and contact later."""
+    """Weight of the losses on loads now, contact later and what the slow token says of the right forces."""
     force_weight: float = 1.0
     """Weight of the decoder's losses."""
     held_out_rows: int = 512
@@ -98,16 +98,17 @@ class EncoderPriorStage(Stage):
         force, pressing = force_losses(
             decoder(state, self._scale.normalize(batch.executed)), batch.forces, decoder.scale
         )
-        log_loads, later = encoder.readout(state)
+        log_loads, later, log_forces = encoder.readout(state)
         load = functional.mse_loss(log_loads, batch.loads.log1p())
+        slow = functional.mse_loss(log_forces, batch.forces.norm(dim=-1).log1p())
         known = batch.continues
         contact = functional.binary_cross_entropy_with_logits(
             later[known], (batch.loads_later[known] > CONTACT_FORCE).float()
         )
-        loss = flow + consistency + config.readout_weight * (load + contact)
+        loss = flow + consistency + config.readout_weight * (load + contact + slow)
         loss = loss + config.force_weight * (force + config.readout_weight * pressing)
         parts = {"flow": flow, "consistency": consistency, "force": force, "pressing": pressing}
-        parts |= {"load": load, "contact": contact}
+        parts |= {"load": load, "contact": contact, "slow": slow}
         return loss, {name: value.detach() for name, value in parts.items()}
 
     def evaluate(self) -> dict[str, float]:
@@ -154,10 +155,13 @@ class EncoderPriorStage(Stage):
         metrics = {}
         truth = (batch.loads_later > CONTACT_FORCE).flatten()
         for name, history in {"": batch.history, "_no_touch": batch.history.without_touch()}.items():
-            log_loads, later = encoder.readout(encoder(history))
+            log_loads, later, _ = encoder.readout(encoder(history))
             metrics[f"contact_later_auc{name}"] = roc_auc(later.flatten(), truth)
             metrics[f"log_load_error{name}"] = float((log_loads - batch.loads.log1p()).abs().mean())
         codes = torch.bincount(encoder.slow(batch.history)[1].long()).double()
+        known, log_forces = batch.forces.norm(dim=-1).log1p(), encoder.readout(encoder(batch.history))[2]
+        rest, spread = log_forces - known, known - known.mean(0)
+        metrics["slow_force_unexplained"] = float(rest.square().sum() / spread.square().sum())
         share = codes[codes > 0] / codes.sum()
         metrics["slow_perplexity"] = float((-(share * share.log()).sum()).exp())
         return metrics

@@ -86,6 +86,13 @@ def test_an_object_is_taken_carried_and_given_back(episode):
     assert (squeezed & opening.active).sum() >= 3
     assert ((forces[taken.stop - 1] > 0.5) == squeezed).all()  # squeeze,
     assert not forces[-1].any()  # retreat.
+    first = np.flatnonzero((rows["loads"] > 0.1).any(1))[0]
+    assert not forces[:first].any()
+    touching = rows["loads"][first] > 0.1
+    assert (forces[first][touching] > 0.1).all()  # A finger presses from its first touch on,
+    leaving = np.linalg.norm(rows["plan"][given.start :, -1].astype(float), axis=-1) > 0.01
+    step, finger = np.argwhere(leaving)[0]
+    assert forces[given.start + step + 8, finger] == 0  # and no more once its plan leads away.
     motion = np.linalg.norm(rows["wanted"] - rows["fingertips"], axis=-1)
     assert motion.max() < 0.02
     width = np.linalg.norm(rows["fingertips"][0] - rows["fingertips"][taken.stop], axis=1)

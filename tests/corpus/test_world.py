@@ -7,6 +7,7 @@ import pytest
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.world import Support, World, vary_object
 from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
+from lerobot_dexflex.experts.reach.sensing import Senses
 from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.objects import ObjectSpec
 
@@ -34,6 +35,7 @@ def test_random_worlds_stay_within_their_ranges():
         assert all(0.2 <= np.linalg.norm(push.force) <= 2.0 for push in world.pushes)
         assert all(np.linalg.norm(push.torque) <= 0.03 for push in world.pushes)
         assert np.linalg.norm(world.sway) <= 4.0
+        assert np.linalg.norm(world.lever) <= 0.05
         assert all(0.3 <= slip.share <= 0.7 for slip in world.slips)
         varied = vary_object(spec, rng)
         assert 0.06 <= varied.mass <= 0.15
@@ -60,6 +62,19 @@ def test_wrenches_sway_and_slips_come_and_go(episode, world):
         wrench[0] += mass * np.sin(2 * np.pi * step / 20)  # The palm sways with 1 m/s^2 in 20 steps.
         np.testing.assert_allclose(env.data.xfrc_applied[body], wrench, atol=1e-12)
         assert env.model.geom_friction[tip, 0] == pytest.approx(friction * (0.7 if slipping else 1.0))
+
+
+def test_an_off_centre_weight_is_felt_as_a_torque_and_named_by_the_senses(episode):
+    env, moved = CorpusEnv(), CorpusEnv()
+    env.start(episode, World())
+    moved.start(episode, World(lever=(0.0, 0.0, 0.03)))
+    plain, heavy = Senses(env).read(), Senses(moved).read()
+    np.testing.assert_allclose(heavy.centre - plain.centre, 0.03 * heavy.rotation[:, 2], atol=1e-12)
+    lever = np.cross(heavy.centre - plain.centre, env.model.body("object").mass * env.model.opt.gravity)
+    gravity = [e.data.qfrc_bias[-6:-3] for e in (env, moved)]
+    np.testing.assert_allclose(gravity[0], gravity[1])
+    torque = moved.data.qfrc_bias[-3:] - env.data.qfrc_bias[-3:]
+    np.testing.assert_allclose(heavy.rotation @ torque, -lever, atol=1e-9)
 
 
 def test_heavy_and_slippery_objects_are_varied_within_what_a_hand_can_hold():

@@ -6,7 +6,7 @@ import pytest
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.experts.reach.chains import TOLERANCE, HeldObject
 from lerobot_dexflex.experts.reach.fingers import Mode
-from lerobot_dexflex.experts.reach.operator import LEAD, Operator
+from lerobot_dexflex.experts.reach.operator import LEAD, LEAST_FORCE, Operator
 from lerobot_dexflex.experts.reach.paths import LIFT_HEIGHT, LIFT_STEPS, SWING_SPEED
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
@@ -191,6 +191,28 @@ def test_forces_carry_the_weight_inside_the_friction_cones(held):
     assert pressing.sum() >= 3
     assert (across[pressing] <= 1.1 * held.senses.friction * along[pressing] * np.sqrt(2)).all()
     assert said
+
+
+def test_a_finger_that_lost_the_object_seeks_it_with_a_small_force(held):
+    operator, fingers = held.operator, held.operator.fingers
+    now = held.senses.read()
+    fingers.timer[FINGER] = 3
+    away = now._replace(loads=np.where(np.arange(4) == FINGER, 0.0, now.loads))
+    for _ in range(20):
+        said = operator.guide(away)
+        fingers.timer[FINGER] = 3
+    inward = now.rotation @ fingers.inward[FINGER]
+    np.testing.assert_allclose(said.forces[FINGER], LEAST_FORCE * inward, atol=0.01)
+
+
+def test_an_expected_finger_seeks_instead_of_staying_parked(held):
+    operator, now = held.operator, held.senses.read()
+    operator.fingers.mode[FINGER] = Mode.PARKED
+    inward = np.zeros((4, 3))
+    inward[FINGER] = (0.0, 0.0, 1.0)
+    operator.expect(inward, now)
+    assert operator.fingers.mode[FINGER] == Mode.HOLD
+    np.testing.assert_allclose(now.rotation @ operator.fingers.inward[FINGER], inward[FINGER], atol=1e-12)
 
 
 def test_a_firmer_operator_squeezes_more(env):
