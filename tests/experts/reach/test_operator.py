@@ -199,10 +199,10 @@ def test_a_finger_that_lost_the_object_seeks_it_with_a_small_force(held):
     fingers.timer[FINGER] = 3
     away = now._replace(loads=np.where(np.arange(4) == FINGER, 0.0, now.loads))
     for _ in range(20):
-        said = operator.guide(away)
+        operator.guide(away)
         fingers.timer[FINGER] = 3
     inward = now.rotation @ fingers.inward[FINGER]
-    np.testing.assert_allclose(said.forces[FINGER], LEAST_FORCE * inward, atol=0.01)
+    np.testing.assert_allclose(operator.guide(away).forces[FINGER], LEAST_FORCE * inward, atol=0.01)
 
 
 def test_an_expected_finger_seeks_instead_of_staying_parked(held):
