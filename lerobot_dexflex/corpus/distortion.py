@@ -25,11 +25,19 @@ _SHARES = (0.2, 0.1, 0.1, 0.5, 0.1)
 """Removals most: they alone take a contact away."""
 
 
-def sample_errors(rng: np.random.Generator, clean_share: float = _CLEAN_SHARE) -> CommandErrors:
-    """Draw a family and a strength; a share stays clean."""
+def sample_errors(
+    rng: np.random.Generator, clean_share: float = _CLEAN_SHARE, even: bool = False
+) -> CommandErrors:
+    """Draw a family and a strength; a share stays clean.
+
+    Args:
+        rng: Source of randomness.
+        clean_share: How often nothing goes wrong.
+        even: Whether all families are as likely; else as in the corpus.
+    """
     if rng.random() < clean_share:
         return NO_ERRORS
-    family = str(rng.choice(list(_STRENGTHS), p=_SHARES))
+    family = str(rng.choice(list(_STRENGTHS), p=None if even else _SHARES))
     low, high = _STRENGTHS[family]
     strength = float(rng.integers(low, high + 1)) if family == "delay" else float(rng.uniform(low, high))
     return CommandErrors((CommandError(family, strength),))

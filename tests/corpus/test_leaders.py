@@ -4,12 +4,13 @@ import numpy as np
 
 from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.corpus.acquisition import Acquisition, find_opening, open_episode
-from lerobot_dexflex.corpus.distortion import Distortion, sample_errors
+from lerobot_dexflex.corpus.distortion import Distortion, UnsteadyGrip, sample_errors
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED
 from lerobot_dexflex.corpus.world import World
+from lerobot_dexflex.experts.reach.operator import Operator
 
 
 def followed(episode, errors, steps=60, strength=1.0):
@@ -31,6 +32,42 @@ def test_errors_are_drawn_from_every_family():
     delays = {error.strength for errors in drawn for error in errors if error.family == "delay"}
     assert delays == {1.0, 2.0, 3.0, 4.0}
     assert not any(sample_errors(rng, clean_share=1.0) for _ in range(20))
+
+
+def test_even_shares_meet_every_family_as_often():
+    rng = np.random.default_rng(0)
+    families = [sample_errors(rng, clean_share=0.0, even=True).errors[0].family for _ in range(400)]
+    shares = [families.count(family) / len(families) for family in sorted(set(families))]
+    assert len(shares) == 5
+    np.testing.assert_allclose(shares, 0.2, atol=0.06)
+
+
+def test_an_unsteady_grip_errs_by_a_share_of_its_forces_that_lasts_some_steps():
+    grip = np.array([[3.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])
+    sizes, correlations = [], []
+    for seed in range(30):
+        unsteady = UnsteadyGrip(np.random.default_rng(seed))
+        errors = np.array([unsteady.step(grip) for _ in range(200)])
+        assert not errors[:, 3].any()
+        share = errors[:, :3] / np.linalg.norm(grip[:3], axis=1)[:, None]
+        sizes.append(np.sqrt((share**2).sum(-1).mean()))
+        correlations.append(np.corrcoef(share[1:].ravel(), share[:-1].ravel())[0, 1])
+    assert max(sizes) <= 0.6
+    assert 0.1 < np.mean(sizes) < 0.4
+    assert 0.7 < np.mean(correlations) < 0.85
+
+
+def test_an_error_of_the_grip_changes_what_is_executed_and_not_what_is_recorded_as_right(episode):
+    found = []
+    for error in (None, np.full((4, 3), 0.4)):
+        run = RunningEpisode(CorpusEnv(), episode, World(), OPERATED, {})
+        guidance = Operator(run.senses, np.random.default_rng(0)).guide(run.now)
+        run.step(guidance, guidance.tips - run.now.tips, False, error)
+        found.append(run.finish().tensors)
+    steady, unsteady = found
+    np.testing.assert_array_equal(steady["forces"], unsteady["forces"])
+    np.testing.assert_array_equal(steady["wanted"], unsteady["wanted"])
+    assert np.abs(steady["joint_targets"] - unsteady["joint_targets"]).max() > 0.005
 
 
 def test_the_operators_command_and_spoilt_drafts_take_turns(episode):

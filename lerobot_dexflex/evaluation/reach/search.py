@@ -16,8 +16,9 @@ import pandas as pd
 import statsmodels.api as sm
 from numpy.typing import NDArray
 
-from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
+from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.loop import Source, run_chains
+from lerobot_dexflex.corpus.distortion import sample_errors
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
@@ -38,15 +39,8 @@ RANGES = {
 }
 """Where every option of `press` and its gain of the motion are drawn, uniformly; of a switch, both ends."""
 SWITCHES = ("blocked",)
-ERRORS = {
-    "noise": (0.0005, 0.004),
-    "scale": (0.4, 1.6),
-    "delay": (1, 5),
-    "removal": (0.001, 0.004),
-    "bias": (0.0003, 0.0015),
-}
-"""Families of errors and where their strengths are drawn: [m], [1], [control steps], [m] per step, [m]."""
 CLEAN_SHARE = 0.2
+"""Of episodes in which nothing goes wrong; the others meet every family as often."""
 SOURCES: tuple[Source, ...] = ("motion", "pressing")
 """Of trials with even and with odd numbers."""
 TRAINING_SEED = 1000
@@ -139,18 +133,8 @@ def draw_trial(number: int, seeds: Sequence[int]) -> Trial:
     settings = {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
     settings |= {name: float(settings[name] > 0.5) for name in SWITCHES}
     chosen = rng.choice(len(seeds), min(BATCH, len(seeds)), replace=False)
-    errors = tuple(draw_errors(rng) for _ in chosen)
+    errors = tuple(sample_errors(rng, CLEAN_SHARE, even=True) for _ in chosen)
     return Trial(settings, SOURCES[number % len(SOURCES)], tuple(seeds[k] for k in chosen), errors)
-
-
-def draw_errors(rng: np.random.Generator) -> CommandErrors:
-    """Draw a family of `ERRORS` and a strength; a share stays clean."""
-    if rng.random() < CLEAN_SHARE:
-        return NO_ERRORS
-    family = str(rng.choice(list(ERRORS)))
-    low, high = ERRORS[family]
-    strength = rng.integers(int(low), int(high) + 1) if family == "delay" else rng.uniform(low, high)
-    return CommandErrors.of(**{family: float(strength)})
 
 
 def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -> pd.DataFrame:

@@ -11,11 +11,9 @@ from lerobot_dexflex.commands import loop
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach import search
 from lerobot_dexflex.evaluation.reach.search import (
-    ERRORS,
     RANGES,
     TABLE,
     Search,
-    draw_errors,
     draw_trial,
     fit,
     run_search,
@@ -49,16 +47,6 @@ def test_switches_are_on_or_off_and_sources_take_turns():
     trials = [draw_trial(number, [1000]) for number in range(20)]
     assert {trial.settings["blocked"] for trial in trials} == {0.0, 1.0}
     assert [trial.source for trial in trials[:3]] == ["motion", "pressing", "motion"]
-
-
-def test_errors_are_drawn_from_all_families_within_their_ranges():
-    rng = np.random.default_rng(0)
-    drawn = [draw_errors(rng) for _ in range(300)]
-    assert np.mean([not errors for errors in drawn]) == pytest.approx(search.CLEAN_SHARE, abs=0.06)
-    found = [error for errors in drawn for error in errors]
-    assert {error.family for error in found} == set(ERRORS)
-    assert {error.strength for error in found if error.family == "delay"} == {1, 2, 3, 4, 5}
-    assert all(ERRORS[e.family][0] <= e.strength <= ERRORS[e.family][1] for e in found)
 
 
 def test_a_trial_is_always_the_same_and_never_an_episode_twice():
