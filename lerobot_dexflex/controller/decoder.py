@@ -11,6 +11,8 @@ from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.encoder import State
 
 _LIKELY = 0.5
+_DROPOUT = 0.2
+"""Share of what the decoder knows of a state that training hides: else it learns episodes by heart."""
 
 
 class Forces(NamedTuple):
@@ -33,6 +35,7 @@ class Decoder(nn.Module):
         super().__init__()
         width, fingers = config.decoder_width, len(config.fingers)
         self.scale, self.largest = config.force_scale, config.largest_force
+        self.dropout = nn.Dropout(_DROPOUT)
         self.inputs = nn.Linear(config.feature_width + config.chunk_width, width)
         self.first, self.second = nn.Linear(width, width), nn.Linear(width, width)
         self.third, self.fourth = nn.Linear(width, width), nn.Linear(width, width)
@@ -45,10 +48,11 @@ class Decoder(nn.Module):
             state: The encoded states.
             chunk: Normalised motion. Shape (batch, 4, horizon * 3).
         """
-        hidden = functional.silu(self.inputs(torch.cat([state.features, chunk.flatten(1)], -1)))
+        features = self.dropout(state.features)
+        hidden = functional.silu(self.inputs(torch.cat([features, chunk.flatten(1)], -1)))
         hidden = residual_block(hidden, self.first, self.second)
         hidden = residual_block(hidden, self.third, self.fourth)
-        out = self.out(functional.silu(hidden)).unflatten(-1, (-1, 4))
+        out = self.out(self.dropout(functional.silu(hidden))).unflatten(-1, (-1, 4))
         vector = self.scale * out[..., :3]
         size = vector.norm(dim=-1, keepdim=True).clamp(min=1e-6)
         return Forces(vector * (self.largest / size).clamp(max=1.0), out[..., 3])
