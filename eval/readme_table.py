@@ -44,7 +44,8 @@ class View:
             raise DexFlexError(f"`by` must be `task` or `condition`. Got {self.by!r}.")
 
 
-REPLAYED = "raw,press,press:4,dexgen,dexflex-noselection,dexflex"
+def _replays(methods: str) -> str:
+    return ",".join(f"replay_measured/{name}" for name in methods.split(","))
 
 
 VIEWS = {
@@ -55,8 +56,10 @@ VIEWS = {
     "pour_cup": View(TWO, tasks="PourCup-v0"),
     "place_hammer": View(TWO, tasks="PlaceHammer-v0"),
     "assemble_table": View(TWO, tasks="AssembleTable-v0"),
-    "replay": View(
-        ",".join(f"replay_measured/{name}" for name in REPLAYED.split(",")), tasks="PlaceHammer-v0"
+    "replay": View(_replays("press:4,dexgen,dexflex")),
+    "replay_hammer": View(
+        _replays("raw,press,press:4,dexgen,dexflex-noselection,dexflex-notouch,dexflex"),
+        tasks="PlaceHammer-v0",
     ),
     "expert": View("expert"),
 }
