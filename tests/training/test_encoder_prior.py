@@ -164,7 +164,7 @@ def test_every_parameter_of_encoder_prior_and_decoder_is_trained(stage):
         loss, info = stage.loss(stage.batch())
         loss.backward()
         optimizer.step()
-    assert set(info) == {"flow", "consistency", "force", "pressing", "load", "contact"}
+    assert set(info) == {"flow", "consistency", "force", "pressing", "load", "contact", "slow"}
     without = [n for n, p in stage.network.named_parameters() if p.grad is None or not p.grad.any()]
     assert without == []
 

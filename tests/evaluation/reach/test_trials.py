@@ -12,7 +12,7 @@ from lerobot_dexflex.experts.reach.chains import build_chain
 
 @pytest.fixture
 def slot():
-    chain = build_chain(ReachEnv(cameras=()), 50_003, verify=False)
+    chain = build_chain(ReachEnv(cameras=()), 50_006, verify=False)
     assert chain is not None
     running = Slot(ReachEnv(cameras=()), chain, NO_ERRORS)
     for _ in range(5):
