@@ -114,7 +114,7 @@ class Prior(nn.Module):
         Returns:
             Shape of `x`.
         """
-        return self._aim(x, self._modulate(t, step, context.summary), context)
+        return self._aim(x, self._modulation_at(t, step, context.summary), context)
 
     def velocity(self, x: Tensor, t: Tensor, step: Tensor, context: Context) -> Tensor:
         """Return the mean dx/dt over a step that begins at (x, t); arguments as for `aim`."""
@@ -135,14 +135,14 @@ class Prior(nn.Module):
         levels, which = start.unique(return_inverse=True)  # Few: what depends on time is computed once each.
         t, size = levels, (1 - levels) / steps
         for _ in range(steps):
-            modulation = self._modulate(t, size, context.summary.squeeze(1))
+            modulation = self._modulation_at(t, size, context.summary.squeeze(1))
             modulation = modulation.index_select(1, which.flatten()).unflatten(1, which.shape)
             share = torch.where(size > 0, size / (1 - t).clamp(min=1e-4), 0.0).clamp(max=1)
             x = x + share[which][..., None] * (self._aim(x, modulation, context) - x)
             t = t + size
         return x
 
-    def _modulate(self, t: Tensor, step: Tensor, summary: Tensor) -> Tensor:
+    def _modulation_at(self, t: Tensor, step: Tensor, summary: Tensor) -> Tensor:
         """Return what times (...,) and summaries (batch, ..., width) do to blocks: (batch, ..., 7, width)."""
         condition = self.time(torch.cat([_waves(t), _waves(step)], -1)) + summary
         return self.modulation(condition).unflatten(-1, (_MODULATIONS, -1))

@@ -155,13 +155,13 @@ class EncoderPriorStage(Stage):
         metrics = {}
         truth = (batch.loads_later > CONTACT_FORCE).flatten()
         for name, history in {"": batch.history, "_no_touch": batch.history.without_touch()}.items():
-            log_loads, later, _ = encoder.readout(encoder(history))
+            log_loads, later, log_forces = encoder.readout(encoder(history))
+            if not name:
+                right = batch.forces.norm(dim=-1).log1p()
+                metrics["slow_force_unexplained"] = _unexplained(log_forces, right)
             metrics[f"contact_later_auc{name}"] = roc_auc(later.flatten(), truth)
             metrics[f"log_load_error{name}"] = float((log_loads - batch.loads.log1p()).abs().mean())
         codes = torch.bincount(encoder.slow(batch.history)[1].long()).double()
-        known, log_forces = batch.forces.norm(dim=-1).log1p(), encoder.readout(encoder(batch.history))[2]
-        rest, spread = log_forces - known, known - known.mean(0)
-        metrics["slow_force_unexplained"] = float(rest.square().sum() / spread.square().sum())
         share = codes[codes > 0] / codes.sum()
         metrics["slow_perplexity"] = float((-(share * share.log()).sum()).exp())
         return metrics
@@ -252,13 +252,17 @@ def force_metrics(forces: Forces, target: Tensor) -> dict[str, float]:
     found, wanted = forces.vector[pressing], target[pressing]
     cosine = functional.cosine_similarity(found, wanted, dim=-1)
     size = (found.norm(dim=-1) - wanted.norm(dim=-1)).abs()
-    unexplained = (found - wanted).square().sum() / (wanted - wanted.mean(0)).square().sum()
     return {
         "force_size_error": float(size.mean()),
         "force_direction_deg": float(torch.rad2deg(cosine.clamp(-1, 1).acos()).mean()),
-        "force_unexplained": float(unexplained),
+        "force_unexplained": _unexplained(found, wanted),
         "pressing_auc": roc_auc(forces.pressing.flatten(), pressing.flatten()),
     }
+
+
+def _unexplained(found: Tensor, truth: Tensor) -> float:
+    """Return the share of the variance over rows that is not explained."""
+    return float((found - truth).square().sum() / (truth - truth.mean(0)).square().sum())
 
 
 def _networks(network: nn.Module) -> tuple[Encoder, Prior, Decoder]:
