@@ -39,6 +39,8 @@ HELD_AFTER = 66
 SWAY = 0.05
 """Amplitude of the wrist motion while measuring [rad]."""
 WINDOW, WINDOWS = 20, 10
+HANDS = 64
+"""Hands that are decided for in one call."""
 GRID = Path("eval/results/reach.csv")
 """Rows of `eval/degraded_commands.py --grid`; their progress is shown beside the latency."""
 
@@ -110,13 +112,13 @@ def part_costs() -> dict[str, float]:
     camera, sensor, rng = Camera(model, "front", 96, 96), TouchSensor(model), np.random.default_rng(0)
     hand = torch.as_tensor(env.unwrapped.command[7:]).view(1, 16)
     tips = fingertips(hand) + 0.002
-    batch = (tips.expand(64, -1, -1), hand.expand(64, -1))
+    batch = (tips.expand(HANDS, -1, -1), hand.expand(HANDS, -1))
     return {
         "bare mj_step": best(lambda: mujoco.mj_step(model, data), SUBSTEPS * WINDOW),
         "one camera, 96 x 96": best(lambda: camera.render(data), WINDOW),
         "240 taxels": best(lambda: sensor.read(data, rng), WINDOW),
         "fingertip IK, 1 hand": best(lambda: solve_fingertips(tips, hand), WINDOW),
-        "fingertip IK, 64 hands": best(lambda: solve_fingertips(*batch), WINDOW),
+        f"fingertip IK, {HANDS} hands": best(lambda: solve_fingertips(*batch), WINDOW),
     }
 
 
@@ -159,12 +161,16 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
 
     networks = latency.load_networks(controller or None)
     found = latency.measure(latency.interfaces_at_defaults(networks), steps)
+    together = latency.measure(latency.interfaces_at_defaults(networks), steps // 8, hands=HANDS)
     cells = latency.grid(networks, steps // 4)
     weights = "trained" if networks.trained else "random"
-    print(f"decisions, one hand, one core, {weights} weights [ms]")
+    print(f"decisions, one core, {weights} weights [ms]")
     print(f"  {'':38}{'p50':>8}{'p95':>8}{'p99':>8}")
     for name, times in found.items():
         print(f"  {name:38}" + "".join(f"{1e3 * value:8.2f}" for value in times))
+    print(f"  {HANDS} hands in one call, per hand")
+    for name, times in together.items():
+        print(f"  {name:38}" + "".join(f"{1e3 * value / HANDS:8.2f}" for value in times))
     progress = grid_progress(GRID)
     heading = f"  {'candidates':>12}{'evaluations':>13}{'p50':>8}{'p95':>8}"
     print(heading + (f"{'progress':>10}" if progress else ""))
@@ -176,6 +182,7 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
     return {
         "weights": weights,
         "interfaces": {name: times._asdict() for name, times in found.items()},
+        f"{HANDS} hands": {name: times._asdict() for name, times in together.items()},
         "grid": {f"{c}x{e}": times._asdict() for (c, e), times in cells.items()},
     }
 

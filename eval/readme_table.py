@@ -9,6 +9,7 @@ view of that NAME, from the rows of `eval/results/tasks.csv`.
 
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -64,8 +65,14 @@ VIEWS = {
     "expert": View("expert"),
 }
 """What a document may show, by name."""
-BENCHMARK = "benchmark"
-"""Name of the in-hand benchmark's table."""
+_LEARNED = "dexgen,dexflex-noselection,dexflex"
+BENCHMARKS = {
+    "motion": (f"raw,press,{_LEARNED},forces,operator", "clean,removal_2mm"),
+    "pressing": (f"raw,press,projection,{_LEARNED}", "pressing,removal_2mm+pressing"),
+}
+"""Methods and conditions of the in-hand benchmark that a document may show, by name."""
+TRAININGS = "trainings"
+"""Name of the table of several trainings of the controller in the in-hand benchmark."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -108,12 +115,14 @@ def filled(text: str, results: Path = RESULTS, up: str = "") -> str:
 
     def block(match: re.Match[str]) -> str:
         name = match["name"]
-        if name not in (*VIEWS, BENCHMARK):
-            valid = ", ".join((*VIEWS, BENCHMARK))
+        if name not in (*VIEWS, *BENCHMARKS, TRAININGS):
+            valid = ", ".join((*VIEWS, *BENCHMARKS, TRAININGS))
             raise DexFlexError(f"There is no view {name!r} of the results. Valid: {valid}.")
-        source = f"{up}eval/results/{'reach' if name == BENCHMARK else 'tasks'}.csv"
-        if name == BENCHMARK:
-            content = benchmark_markdown(results)
+        source = f"{up}eval/results/{'tasks' if name in VIEWS else 'reach'}.csv"
+        if name in BENCHMARKS:
+            content = benchmark_markdown(results, *[words.split(",") for words in BENCHMARKS[name]])
+        elif name == TRAININGS:
+            content = trainings_markdown(results)
         else:
             content = markdown(replace(VIEWS[name], results=results))
         return f"<!-- results:{name} -->\n{content} Every episode: [{source}]({source}).\n<!-- /results -->"
@@ -151,18 +160,42 @@ def markdown(view: View) -> str:
     return "\n\n".join(parts)
 
 
-def benchmark_markdown(results: Path) -> str:
-    """Return progress in the in-hand benchmark by method and condition, from `reach.csv`."""
-    from lerobot_dexflex.evaluation.reach.summary import summarise
-    from lerobot_dexflex.evaluation.reach.tables import as_markdown, metric_header, metric_rows
+def benchmark_markdown(results: Path, methods: Sequence[str], conditions: Sequence[str]) -> str:
+    """Return progress in the in-hand benchmark and the tests of dexflex, from `reach.csv`."""
+    from lerobot_dexflex.evaluation.reach.summary import family, summarise
+    from lerobot_dexflex.evaluation.reach.tables import TEST_HEADER, as_markdown, mean_text, test_rows
     from lerobot_dexflex.evaluation.summary import newest
     from lerobot_dexflex.runs.table import read
 
-    rows = newest(read(results / "reach.csv"))
-    summary = summarise(rows)
-    count = rows.groupby(["method", "condition"]).size().min()
-    table = as_markdown(metric_header(summary), metric_rows(summary, "progress"))
-    return f"{table}\n\nn = {count} test chains per cell, bootstrap 95 % intervals."
+    summary = summarise(newest(read(results / "reach.csv")), methods, conditions)
+    several = len({family(condition) for condition in conditions} - {None}) > 1
+    shown = summary.conditions if several else summary.run
+    rows = [
+        [f"`{method}`", *(mean_text(summary.means[method, condition]["progress"]) for condition in shown)]
+        for method in methods
+    ]
+    tests = [row for row in test_rows(summary) if row[0] in shown]
+    count = min(len(summary.of(method, condition)) for method in methods for condition in conditions)
+    return (
+        f"{as_markdown(['interface', *shown], rows)}\n\nMean progress on {count} chains of test objects, "
+        f"bootstrap 95 % intervals. `{summary.reference}` against the others, on the same chains:\n\n"
+        f"{as_markdown(TEST_HEADER, tests)}\n\n"
+    )
+
+
+def trainings_markdown(results: Path) -> str:
+    """Return progress in the in-hand benchmark over trainings, from `reach.csv` and `reach_seed*.csv`."""
+    from lerobot_dexflex.evaluation.reach.trainings import across_trainings, markdown
+    from lerobot_dexflex.evaluation.summary import newest
+    from lerobot_dexflex.runs.table import read
+
+    paths = [results / "reach.csv", *sorted(results.glob("reach_seed*.csv"))]
+    cells = across_trainings([newest(read(path)) for path in paths])
+    n = min(cell.together.n for cell in cells)
+    return (
+        f"{markdown(cells)}\n\nn = {n} test chains per cell, each run by {len(paths)} trainings of the "
+        "controller; their progress is averaged for each chain before methods are compared."
+    )
 
 
 if __name__ == "__main__":

@@ -113,7 +113,7 @@ def synthetic_dataset(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def controller():
-    """A controller of random weights, also where it would start at zero."""
+    """A controller of random weights, also where it would start at zero; but it takes drafts for motion."""
     import torch
 
     from lerobot_dexflex.controller import DexFlexController
@@ -123,6 +123,8 @@ def controller():
     with torch.no_grad():
         for value in controller.parameters():
             value.add_(0.02 * torch.randn_like(value))
+        for value in controller.splitter.out.parameters():
+            value.zero_()
     return controller.eval().requires_grad_(False)
 
 

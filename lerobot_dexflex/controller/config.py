@@ -23,7 +23,7 @@ CHECKSUMS = "checksums"
 DRAFT_DEFINITION = "offset_from_measured"
 """What a draft says: where fingertips should be, minus where they are measured."""
 _IDENTITY = {
-    "format": 2,
+    "format": 3,
     "embodiment": "leap_right",
     "rate": 20.0,
     "horizon": DRAFT_HORIZON,
@@ -46,7 +46,7 @@ class ControllerConfig:
         DexFlexError: If the configuration is of another hand, rate or format than this code serves.
     """
 
-    format: int = 2
+    format: int = 3
     """Version of the checkpoint's layout."""
     embodiment: str = "leap_right"
     """The hand."""
@@ -85,6 +85,8 @@ class ControllerConfig:
     """Changes of fingertips since an earlier frame are divided by this [m]."""
     force_scale: float = 2.0
     """The decoder's forces are multiples of this [N]."""
+    squeeze_scale: float = 0.01
+    """Drafts and squeezes are divided by this in the splitter [m]."""
     largest_force: float = 8.0
     """Bound of a finger's force [N]: what LEAP's thumb exerts at most."""
 
@@ -110,6 +112,8 @@ class ControllerConfig:
     """Hidden width of the score."""
     decoder_width: int = 192
     """Hidden width of the decoder."""
+    splitter_width: int = 128
+    """Hidden width of the splitter."""
 
     def __post_init__(self) -> None:
         for item in fields(self):

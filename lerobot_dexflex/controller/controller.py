@@ -18,6 +18,7 @@ from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.prior import Prior
 from lerobot_dexflex.controller.score import Score
 from lerobot_dexflex.controller.settings import SelectionSettings
+from lerobot_dexflex.controller.splitter import Splitter
 from lerobot_dexflex.controller.world_model import WorldModel
 from lerobot_dexflex.conventions import FINGER_NAMES
 
@@ -68,6 +69,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
         self.world_model = WorldModel(self.config)
         self.ranker = Score(self.config)
         self.decoder = Decoder(self.config)
+        self.splitter = Splitter(self.config)
 
     def encode(self, history: History, slow: Tensor | None = None) -> State:
         """Encode the past, once per control step.
@@ -84,6 +86,17 @@ class DexFlexController(nn.Module, ModelHubMixin):
     def encode_slow(self, history: History) -> Tensor:
         """Return the slow token, to be refreshed every 8 steps. Shape (batch, slow_width)."""
         return check_output("encoder", self.encoder.slow_token(history))
+
+    def squeeze(self, state: State, draft: Tensor) -> Tensor:
+        """Return what of every step of a draft commands into the object [m], about zero if it says motion.
+
+        Shape (batch, 4, 3).
+
+        Args:
+            state: The encoded states.
+            draft: Shape (batch, horizon, 4, 3) [m].
+        """
+        return check_output("splitter", self.splitter(state, draft))
 
     def propose(
         self, state: State, draft: Tensor, settings: SelectionSettings, noise: Tensor | None = None

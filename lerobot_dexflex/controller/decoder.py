@@ -11,8 +11,9 @@ from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.encoder import State
 
 _LIKELY = 0.5
-_DROPOUT = 0.2
-"""Share of what the decoder knows of a state that training hides: else it learns episodes by heart."""
+DROPOUT = 0.2
+"""Share of what it knows of a state that training hides from the decoder and its like: else they learn
+episodes by heart."""
 
 
 class Forces(NamedTuple):
@@ -35,7 +36,7 @@ class Decoder(nn.Module):
         super().__init__()
         width, fingers = config.decoder_width, len(config.fingers)
         self.scale, self.largest = config.force_scale, config.largest_force
-        self.dropout = nn.Dropout(_DROPOUT)
+        self.dropout = nn.Dropout(DROPOUT)
         self.inputs = nn.Linear(config.feature_width + config.chunk_width, width)
         self.first, self.second = nn.Linear(width, width), nn.Linear(width, width)
         self.third, self.fourth = nn.Linear(width, width), nn.Linear(width, width)

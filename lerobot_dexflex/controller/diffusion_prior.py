@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from lerobot_dexflex.controller.checkpoint import load_weights, save_weights
 from lerobot_dexflex.controller.config import ControllerConfig
+from lerobot_dexflex.controller.decoder import DROPOUT
 from lerobot_dexflex.controller.encoder import State
 from lerobot_dexflex.controller.prior import Context, Prior
 from lerobot_dexflex.errors import DexFlexError
@@ -45,6 +46,7 @@ class DiffusionPrior(nn.Module):
         self.dynamics = nn.Sequential(
             nn.Linear(inputs, width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 16)
         )
+        self.dropout = nn.Dropout(DROPOUT)
         self.register_buffer("signal", _cosine_signal(STEPS), persistent=False)
 
     def context(self, state: State) -> Context:
@@ -58,8 +60,8 @@ class DiffusionPrior(nn.Module):
             state: The encoded states; of these, what proprioception says.
             chunk: Normalised. Shape (batch, 4, horizon * 3).
         """
-        seen = torch.cat([state.body, state.slow, chunk.flatten(1)], -1)
-        return LEAD_SCALE * self.dynamics(seen)
+        felt = self.dropout(torch.cat([state.body, state.slow], -1))
+        return LEAD_SCALE * self.dynamics(torch.cat([felt, chunk.flatten(1)], -1))
 
     def denoise(self, x: Tensor, level: Tensor, context: Context) -> Tensor:
         """Predict clean chunks.

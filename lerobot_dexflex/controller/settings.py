@@ -13,9 +13,9 @@ class SelectionSettings:
         DexFlexError: If a value is out of its range.
     """
 
-    n_pure: int = 32
-    """Candidates drawn from the prior alone."""
-    n_seeded: int = 15
+    n_pure: int = 4
+    """Candidates drawn from the prior alone; 32 of these and 15 seeded ones did no better (`eval/LOG.md`)."""
+    n_seeded: int = 3
     """Candidates drawn from the prior starting at the noisy draft."""
     n_finger: int = 16
     """Candidates that follow the draft but for one finger, which is drawn anew."""
@@ -40,6 +40,9 @@ class SelectionSettings:
     """Whether the encoder sees touch."""
     use_slow: bool = True
     """Whether the networks see the slow token."""
+    use_splitter: bool = False
+    """Whether what of a draft commands into the object is taken out of it, for sources that press; otherwise
+    all of it is motion."""
     grip: float = 0.0
     """0: the decoder supplies the grip; above: every touching finger presses so hard [N], as `press` does."""
     seed: int = 0

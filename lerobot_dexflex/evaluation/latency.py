@@ -57,31 +57,35 @@ def load_networks(where: str | Path | None = None) -> Networks:
 
 
 def interfaces_at_defaults(networks: Networks) -> dict[str, Interface]:
-    """Return the interfaces whose latency is compared, as they run by default."""
-    few, many = SelectionSettings(n_pure=7, n_seeded=4, n_finger=4), SelectionSettings()
+    """Return the interfaces whose latency is compared, as they run by default; DexFlex with more, too."""
+    default, many = SelectionSettings(), SelectionSettings(n_pure=32, n_seeded=15, n_finger=16)
     return {
         "raw": RawInterface(),
         "dexgen": DexGenInterface(networks.controller, networks.prior),
-        f"dexflex, {few.n_candidates} candidates": DexFlexInterface(networks.controller, few),
+        f"dexflex, {default.n_candidates} candidates": DexFlexInterface(networks.controller, default),
         f"dexflex, {many.n_candidates} candidates": DexFlexInterface(networks.controller, many),
     }
 
 
 def measure(
-    interfaces: Mapping[str, Interface], steps: int, clock: Callable[[], float] = time.perf_counter
+    interfaces: Mapping[str, Interface],
+    steps: int,
+    clock: Callable[[], float] = time.perf_counter,
+    hands: int = 1,
 ) -> dict[str, Latency]:
-    """Time single control steps of one hand; the interfaces take turns, so that all see the same machine.
+    """Time single control steps; the interfaces take turns, so that all see the same machine.
 
     Args:
         interfaces: By name; they read drafts of fingertip motion.
         steps: Steps that are timed, after a few that are not.
         clock: Returns the time [s].
+        hands: Hands in one call, whose time is not divided by their number.
     """
-    observation, draft = _inputs()
+    observation, draft = _inputs(hands)
     taxels = torch.rand(64, 1, 240, generator=torch.Generator().manual_seed(0))
     times: dict[str, list[float]] = {name: [] for name in interfaces}
     for k in range(steps + _WARM_UP):
-        seen = {**observation, "observation.tactile": 0.1 * taxels[k % 64]}
+        seen = {**observation, "observation.tactile": 0.1 * taxels[k % 64].expand(hands, -1)}
         for name, interface in interfaces.items():
             begin = clock()
             interface.step(seen, draft)
@@ -109,12 +113,12 @@ def grid(
     return {(count, nfe): measured[f"{count} {nfe}"] for count in candidates for nfe in evaluations}
 
 
-def _inputs() -> tuple[dict[str, Tensor], Tensor]:
-    joints = ((JOINT_LOWER + JOINT_UPPER) / 2)[None].float()
+def _inputs(hands: int) -> tuple[dict[str, Tensor], Tensor]:
+    joints = ((JOINT_LOWER + JOINT_UPPER) / 2).float().expand(hands, -1)
     observation = {
         "observation.state": joints,
         "observation.fingertips": fingertips(joints).flatten(1),
-        "observation.gravity": torch.tensor([[0.0, 0.0, -1.0]]),
+        "observation.gravity": torch.tensor([0.0, 0.0, -1.0]).expand(hands, -1),
     }
     generator = torch.Generator().manual_seed(0)
-    return observation, 0.001 * torch.randn(1, DRAFT_HORIZON, 4, 3, generator=generator)
+    return observation, 0.001 * torch.randn(hands, DRAFT_HORIZON, 4, 3, generator=generator)

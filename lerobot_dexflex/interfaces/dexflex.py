@@ -78,6 +78,7 @@ class DexFlexInterface(LearnedInterface):
             self._slow_age = torch.full(shape, SLOW_PERIOD, dtype=torch.int64, device=device)
         history = sensed.history if self.settings.use_touch else sensed.history.without_touch()
         state = self._encode(history)
+        sensed = self._without_squeeze(sensed, history, state, self.settings.use_splitter)
         if self._plan is None:
             plan = self._choose(sensed, state)
         else:
@@ -199,6 +200,8 @@ def ablated(settings: SelectionSettings, ablation: str) -> SelectionSettings:
             return replace(settings, use_slow=False)
         case "nopure":
             return replace(settings, n_pure=0, n_seeded=settings.n_seeded + settings.n_pure)
+        case "nofinger":
+            return replace(settings, n_pure=settings.n_pure + settings.n_finger, n_finger=0)
         case "noseeded":
             return replace(settings, n_pure=drawn + 1, n_seeded=0, n_finger=0, include_draft=False)
         case "nogrip":

@@ -34,6 +34,7 @@ class DexGenInterface(LearnedInterface):
         guidance: Strength with which the draft pulls; 0 ignores it, infinite would be `raw`.
         steps: Denoising steps.
         use_touch: Whether the encoder sees touch.
+        use_splitter: Whether a draft's squeeze is taken out of it, for sources that press.
         seed: Seed of the noise.
     """
 
@@ -46,6 +47,7 @@ class DexGenInterface(LearnedInterface):
         guidance: float = GUIDANCE,
         steps: int = DENOISING_STEPS,
         use_touch: bool = True,
+        use_splitter: bool = False,
         seed: int = 0,
     ) -> None:
         if not guidance >= 0 or not 1 <= steps <= STEPS:
@@ -61,7 +63,8 @@ class DexGenInterface(LearnedInterface):
             assert isinstance(controller, Path)
             prior = _loaded_prior(controller.resolve(), file_stamps(controller))
         self.prior = prior.eval()
-        self._guidance, self._steps, self._use_touch = guidance, steps, use_touch
+        self._guidance, self._steps = guidance, steps
+        self._use_touch, self._use_splitter = use_touch, use_splitter
         width = self.controller.config.finger_chunk_width
         self._noise = torch.randn(1, 1, 4, width, generator=torch.Generator().manual_seed(seed))
 
@@ -81,6 +84,7 @@ class DexGenInterface(LearnedInterface):
         history = sensed.history if self._use_touch else sensed.history.without_touch()
         prior, scale = self.prior, self.controller.scale
         state = self.controller.encode(history)
+        sensed = self._without_squeeze(sensed, history, state, self._use_splitter)
         wanted = scale.normalize(sensed.draft.draft.float())
         noise = self._noise.to(wanted).expand(len(wanted), -1, -1, -1)
         drawn = prior.sample(noise, wanted, self._guidance, self._steps, prior.context(state))[:, 0]

@@ -25,6 +25,7 @@ SELECTION_OPTIONS: Mapping[str, Kind] = {
     "use_dream": SWITCH,
     "use_touch": SWITCH,
     "use_slow": SWITCH,
+    "use_splitter": SWITCH,
     "grip": NUMBER,
     "seed": WHOLE,
 }
@@ -58,7 +59,13 @@ register(
         "draft",
         files=(*CONTROLLER_FILES, "dexgen.safetensors"),
         main_option="guidance",
-        options={"guidance": NUMBER, "steps": WHOLE, "use_touch": SWITCH, "seed": WHOLE},
+        options={
+            "guidance": NUMBER,
+            "steps": WHOLE,
+            "use_touch": SWITCH,
+            "use_splitter": SWITCH,
+            "seed": WHOLE,
+        },
     ),
 )
 register(
@@ -76,6 +83,7 @@ register(
             "noconsequence": "the score does not see the predicted outcome",
             "nopure": "no proposal ignores the draft",
             "noseeded": "all proposals ignore the draft, and it is none itself",
+            "nofinger": "no proposal changes one finger alone",
             "noslow": "the slow token is hidden",
             "nogrip": "every touching finger presses alike instead of the decoder's forces",
         },

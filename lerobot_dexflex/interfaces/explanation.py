@@ -49,11 +49,14 @@ class Explanation:
     """One control step of a learned interface."""
 
     intervention: Tensor
-    """||selected - draft|| / (||draft|| + 2 mm) over the four fingertips. Shape (batch,)."""
+    """||selected - draft|| / (||draft|| + 2 mm) over the four fingertips, both without squeeze. (batch,)."""
     touch_health: Tensor
     """Index into `TOUCH_HEALTH` per finger. Shape (batch, 4)."""
     draft_health: Tensor
     """Index into `DRAFT_HEALTH`. Shape (batch,)."""
+    squeeze: Tensor
+    """What of every step of the draft commanded into the object and was replaced by the grip [m], palm frame;
+    zero for a source of motion. Shape (batch, 4, 3)."""
     forces: Tensor | None = None
     """Forces of the grip [N], palm frame, (batch, 4, 3); None for an interface that supplies none."""
     choice: Choice | None = None
@@ -66,6 +69,7 @@ class Explanation:
             "intervention": self.intervention[index].item(),
             "touch_health": {f: TOUCH_HEALTH[k] for f, k in zip(FINGER_NAMES, touch, strict=True)},
             "draft_health": DRAFT_HEALTH[int(self.draft_health[index])],
+            "squeeze": dict(zip(FINGER_NAMES, self.squeeze[index].norm(dim=-1).tolist(), strict=True)),
         }
         if self.forces is not None:
             pressed = self.forces[index].norm(dim=-1).tolist()
@@ -91,6 +95,9 @@ class Explanation:
                 parts.append(f"the draft would lose contact of {', '.join(saved)}")
             if row["draft_grasp_loss"] > _LIKELY >= row["grasp_loss"]:
                 parts.append("the draft would lose the grasp")
+        squeezing = [f for f, size in row["squeeze"].items() if size]
+        if squeezing:
+            parts.append(f"the squeeze of {', '.join(squeezing)} replaced")
         sick = [f"{f} {health}" for f, health in row["touch_health"].items() if health != "ok"]
         if sick:
             parts.append(f"touch of {', '.join(sick)}")

@@ -8,13 +8,20 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer
+from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer, State
 from lerobot_dexflex.conventions import FINGERTIPS, TACTILE
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.hand.kinematics import pads
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.draft_watch import DraftReading, DraftWatch, checked_draft
 from lerobot_dexflex.interfaces.explanation import Choice, Explanation, relative_change
+from lerobot_dexflex.interfaces.grip import loads_of
 from lerobot_dexflex.interfaces.touch_watch import TouchReading, TouchWatch
+
+LEAST_SQUEEZE = 0.001
+"""A finger whose draft is found to command less far into the object only moves [m]: on drafts of motion
+a third of it is found by mistake."""
 
 
 class Sensed(NamedTuple):
@@ -27,7 +34,10 @@ class Sensed(NamedTuple):
     drafts_history: Tensor
     """First steps of earlier drafts, oldest first [m]. Shape (batch, 8, 4, 3)."""
     draft: DraftReading
+    """Once `LearnedInterface._without_squeeze` has seen it, motion alone."""
     touch: TouchReading
+    squeeze: Tensor
+    """What of the draft was found to be squeeze [m]. Shape (batch, 4, 3)."""
 
 
 class LearnedInterface(CommandedInterface):
@@ -82,16 +92,34 @@ class LearnedInterface(CommandedInterface):
         seen = {**observation, TACTILE: touch.tactile, FINGERTIPS: tips.flatten(1)}
         history = self._past.observe(seen)._replace(tactile_missing=touch.missing)
         reading = self._drafts.look(checked, tips)
-        drafts_history = self._past.drafts
-        self._past.remember(reading.draft)
-        return Sensed(measured, history, drafts_history, reading, touch)
+        return Sensed(measured, history, self._past.drafts, reading, touch, torch.zeros_like(tips))
+
+    def _without_squeeze(self, sensed: Sensed, history: History, state: State, use_splitter: bool) -> Sensed:
+        """Read the draft as motion, with the splitter as what is left of it without upstream's squeeze.
+
+        Call it once per step. A finger that does not touch, or is not led inward, does not squeeze. Without
+        the splitter it stays as it is, bit for bit. `history` is the one that `state` was encoded from.
+        """
+        draft = sensed.draft.draft
+        squeeze = sensed.squeeze
+        if use_splitter:
+            found = self.controller.squeeze(state, draft.float()).double()
+            touching = (loads_of(sensed.touch.tactile) > CONTACT_FORCE) | history.tactile_missing
+            inward = pads(sensed.measured.joints)[1]
+            pressed = torch.minimum((found * inward).sum(-1), (draft[:, 0] * inward).sum(-1))
+            squeezes = touching & (pressed > LEAST_SQUEEZE)
+            squeeze = torch.where(squeezes[..., None], found, 0.0)
+        motion = draft - squeeze[:, None]
+        self._past.remember(motion)
+        return sensed._replace(draft=sensed.draft._replace(draft=motion), squeeze=squeeze)
 
     def _explain(
         self, sensed: Sensed, motion: Tensor, forces: Tensor | None = None, choice: Choice | None = None
     ) -> None:
         """Note why the motion [m] (batch, 4, 3) was executed."""
         change = relative_change(self.gain * motion, sensed.draft.draft[:, 0])
-        self._explanation = Explanation(change, sensed.touch.health, sensed.draft.health, forces, choice)
+        touch, draft = sensed.touch.health, sensed.draft.health
+        self._explanation = Explanation(change, touch, draft, sensed.squeeze, forces, choice)
 
 
 def shared_controller(folder: Path) -> DexFlexController:

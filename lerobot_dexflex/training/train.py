@@ -23,15 +23,18 @@ from lerobot_dexflex.training.diffusion_prior import DexGenConfig, DexGenStage
 from lerobot_dexflex.training.encoder_prior import EncoderPriorConfig, EncoderPriorStage, part
 from lerobot_dexflex.training.fit import DONE, FitConfig, Stage, fit, load_finished
 from lerobot_dexflex.training.score import ScoreConfig, ScoreStage
+from lerobot_dexflex.training.splitter import SplitterConfig, SplitterStage
 from lerobot_dexflex.training.world_model import WorldModelConfig, WorldModelStage
 
-STAGES = ("encoder_prior", "world_model", "score", "dexgen")
-"""The last one is the baseline's: it needs the first only."""
+STAGES = ("encoder_prior", "world_model", "score", "splitter", "dexgen")
+"""In this order; `dexgen` is the baseline's."""
+_NEED_THE_FIRST_ONLY = ("splitter", "dexgen")
 
 _PARTS: dict[str, Callable[["Trainer"], nn.Module]] = {
     "encoder_prior": lambda trainer: part(trainer.controller),
     "world_model": lambda trainer: trainer.controller.world_model,
     "score": lambda trainer: trainer.controller.ranker,
+    "splitter": lambda trainer: trainer.controller.splitter,
     "dexgen": lambda trainer: trainer.dexgen,
 }
 """What each stage decides."""
@@ -68,6 +71,7 @@ class TrainConfig:
     encoder_prior: EncoderPriorConfig = field(default_factory=EncoderPriorConfig)
     world_model: WorldModelConfig = field(default_factory=WorldModelConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
+    splitter: SplitterConfig = field(default_factory=SplitterConfig)
     dexgen: DexGenConfig = field(default_factory=DexGenConfig)
 
     def __post_init__(self) -> None:
@@ -77,7 +81,7 @@ class TrainConfig:
             raise DexFlexError(f"`stages` must name some of {', '.join(STAGES)}. Got {self.stages}.")
         first = STAGES.index(next(s for s in STAGES if s in self.stages))
         if first and not self.init_from:
-            before = STAGES[0] if STAGES[first] == "dexgen" else STAGES[first - 1]
+            before = _before(STAGES[first])[-1]
             raise DexFlexError(f"Without `{before}` in `stages`, name a trained controller with `init_from`.")
         if min(self.bank.rows, self.bank.held_out_rows) < 1 or self.threads < 1:
             raise DexFlexError("`bank.rows`, `bank.held_out_rows` and `threads` must be at least 1.")
@@ -106,6 +110,9 @@ class Trainer:
         if name == "world_model":
             settings = config.world_model
             return WorldModelStage(controller, self.train, self.tune, settings), settings.fit
+        if name == "splitter":
+            settings = config.splitter
+            return SplitterStage(controller, self.train, self.tune, settings), settings.fit
         if name == "dexgen":
             settings = config.dexgen
             return DexGenStage(controller, self.dexgen, self.train, self.tune, settings), settings.fit
@@ -127,8 +134,7 @@ class Trainer:
     def before(self, name: str) -> dict[str, Any]:
         """Return digests of all that a stage starts from: the corpus, earlier stages, or a controller."""
         config = self.config
-        earlier = STAGES[: STAGES.index(name)] if name != "dexgen" else STAGES[:1]
-        files = {stage: config.output / stage / DONE for stage in earlier if stage in config.stages}
+        files = {stage: config.output / stage / DONE for stage in _before(name) if stage in config.stages}
         start = find(config.init_from) if config.init_from else None
         return {
             "corpus": corpus_digest(config.corpus),
@@ -147,6 +153,11 @@ class Trainer:
             "network": asdict(config.network),
         }
         return shared | own | self.before(name)
+
+
+def _before(name: str) -> tuple[str, ...]:
+    """Return the stages on which a stage builds."""
+    return STAGES[: 1 if name in _NEED_THE_FIRST_ONLY else STAGES.index(name)]
 
 
 def train(config: TrainConfig) -> Path:

@@ -6,12 +6,13 @@ from lerobot_dexflex.controller import DexFlexController, History
 
 @pytest.fixture(scope="session")
 def controller():
-    """A controller with random weights in every layer, also those that begin at zero."""
+    """A controller with random weights in every layer, also those that begin at zero, but for the splitter's
+    last: it takes every draft for motion."""
     torch.manual_seed(0)
     controller = DexFlexController().eval().requires_grad_(False)
     generator = torch.Generator().manual_seed(1)
-    for parameter in controller.parameters():
-        if not parameter.any():
+    for name, parameter in controller.named_parameters():
+        if not (parameter.any() or name.startswith("splitter")):
             parameter.copy_(0.1 * torch.randn(parameter.shape, generator=generator))
     return controller
 

@@ -182,6 +182,7 @@ def test_slow_token_takes_one_of_forty_values(controller):
     from lerobot_dexflex.controller.encoder import SlowToken
 
     generator = torch.Generator().manual_seed(0)
+    torch.manual_seed(0)
     rows = 600
     slow_history = controller_history(rows, generator)
     token = SlowToken(controller.config).eval()

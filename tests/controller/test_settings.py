@@ -4,8 +4,8 @@ from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.errors import DexFlexError
 
 
-def test_default_is_64_candidates():
-    assert SelectionSettings().n_candidates == 64
+def test_default_is_24_candidates():
+    assert SelectionSettings().n_candidates == 24
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,14 @@ def interface(controller):
     return flex(copy.deepcopy(controller))
 
 
+def test_a_broken_splitter_is_named_where_it_is_used(controller):
+    broken = copy.deepcopy(controller)
+    break_network(broken.splitter)
+    assert flex(broken).step(observation(1), draft_of(1)).isfinite().all()
+    with pytest.raises(DexFlexError, match="controller's splitter put out NaN"):
+        flex(broken, use_splitter=True).step(observation(1), draft_of(1))
+
+
 @pytest.mark.parametrize("value", [torch.nan, torch.inf])
 @pytest.mark.parametrize("part", PARTS)
 def test_a_broken_part_is_named_and_nothing_is_executed_or_remembered(interface, part, value):

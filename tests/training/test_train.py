@@ -89,13 +89,14 @@ def test_a_finished_stage_is_not_passed_off_as_one_of_other_settings(trained, co
     assert (trained / "controller/training.json").read_text() == record
 
 
-def test_stages_depend_on_those_before_and_the_baseline_on_the_first_alone(trained, corpus):
+def test_stages_depend_on_those_before_and_the_last_two_on_the_first_alone(trained, corpus):
     trainer = Trainer(TrainConfig(corpus=corpus, output=trained))
     earlier = {stage: list(trainer.before(stage)["after"]) for stage in STAGES}
     assert earlier == {
         "encoder_prior": [],
         "world_model": ["encoder_prior"],
         "score": ["encoder_prior", "world_model"],
+        "splitter": ["encoder_prior"],
         "dexgen": ["encoder_prior"],
     }
 
