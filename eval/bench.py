@@ -166,11 +166,10 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
     weights = "trained" if networks.trained else "random"
     print(f"decisions, one core, {weights} weights [ms]")
     print(f"  {'':38}{'p50':>8}{'p95':>8}{'p99':>8}")
-    for name, times in found.items():
-        print(f"  {name:38}" + "".join(f"{1e3 * value:8.2f}" for value in times))
-    print(f"  {HANDS} hands in one call, per hand")
-    for name, times in together.items():
-        print(f"  {name:38}" + "".join(f"{1e3 * value / HANDS:8.2f}" for value in times))
+    for title, measured, hands in (("one hand", found, 1), (f"{HANDS} hands, of each", together, HANDS)):
+        print(f"  {title}")
+        for name, times in measured.items():
+            print(f"    {name:36}" + "".join(f"{1e3 * value / hands:8.2f}" for value in times))
     progress = grid_progress(GRID)
     heading = f"  {'candidates':>12}{'evaluations':>13}{'p50':>8}{'p95':>8}"
     print(heading + (f"{'progress':>10}" if progress else ""))

@@ -65,10 +65,12 @@ VIEWS = {
     "expert": View("expert"),
 }
 """What a document may show, by name."""
-_LEARNED = "dexgen,dexflex-noselection,dexflex"
 BENCHMARKS = {
-    "motion": (f"raw,press,{_LEARNED},forces,operator", "clean,removal_2mm"),
-    "pressing": (f"raw,press,projection,{_LEARNED}", "pressing,removal_2mm+pressing"),
+    "motion": ("raw,press,dexgen,dexflex-noselection,dexflex,forces,operator", "clean,removal_2mm"),
+    "pressing": (
+        "raw,press,projection,dexgen:use_splitter=True,dexflex,dexflex:use_splitter=True",
+        "pressing,removal_2mm+pressing",
+    ),
 }
 """Methods and conditions of the in-hand benchmark that a document may show, by name."""
 TRAININGS = "trainings"

@@ -1,4 +1,4 @@
-"""Fourth stage: the splitter, from motion to which the squeeze of the operator's forces is added."""
+"""The splitter's stage: from motion to which the squeeze of the operator's forces is added."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
