@@ -41,10 +41,9 @@ class ChunkExecution:
         """Follow a new chunk from its first step on.
 
         Args:
-            chunk: Arm joints [rad], then what the interface executes: hand joints [rad] or
-                fingertips in the palm frame [m], both absolute. Shape (batch, steps, n_arm + 16 or 12).
+            chunk: As `execute` takes it. Shape (batch, steps, n_arm + 16 or 12).
         """
-        self._chunk, self._step = chunk.float(), 0
+        self._chunk, self._step = chunk, 0
 
     def step(self, batch: Mapping[str, Tensor]) -> Tensor:
         """Return the joint targets of the chunk's next step [rad]. Shape (batch, n_arm + 16), float32.
@@ -53,19 +52,33 @@ class ChunkExecution:
             batch: Observation in raw units.
         """
         assert self._chunk is not None
-        # --policy.use_amp=true is for the networks that plan: bfloat16 resolves a joint to 0.01 rad only.
-        with torch.autocast(self._chunk.device.type, enabled=False):
-            return self._step_in_full_precision(self._chunk, batch)
-
-    def _step_in_full_precision(self, chunk: Tensor, batch: Mapping[str, Tensor]) -> Tensor:
-        arm, hand = chunk[..., : self._n_arm], chunk[..., self._n_arm :]
-        if self.interface.command_space == "joint":
-            draft = joint_draft(hand, self._step, DRAFT_HORIZON)
-        else:
-            planned = hand.double().unflatten(-1, (4, 3))
-            tips = fingertips(batch[STATE][:, -N_HAND_JOINTS:].double())
-            draft = tip_draft(planned, self._step, DRAFT_HORIZON, tips)
-        hand_targets = self.interface.step(batch, draft).to(chunk.dtype)
-        targets = torch.cat([arm[:, self._step], hand_targets], -1)
+        targets = execute(self.interface, self._n_arm, self._chunk, self._step, batch)
         self._step += 1
         return targets
+
+
+def execute(
+    interface: Interface, n_arm: int, chunk: Tensor, step: int, observation: Mapping[str, Tensor]
+) -> Tensor:
+    """Return the joint targets of one step of a chunk [rad]. Shape (batch, n_arm + 16), float32.
+
+    Args:
+        interface: Commands the hand.
+        n_arm: Leading joints of the arm, which are executed as planned.
+        chunk: Arm joints [rad], then what the interface executes: hand joints [rad] or fingertips in the
+            palm frame [m], both absolute. Shape (batch, steps, n_arm + 16 or 12).
+        step: Of the chunk; the draft holds this and all that follow.
+        observation: In raw units.
+    """
+    # --policy.use_amp=true is for the networks that plan: bfloat16 resolves a joint to 0.01 rad only.
+    with torch.autocast(chunk.device.type, enabled=False):
+        chunk = chunk.float()
+        arm, hand = chunk[..., :n_arm], chunk[..., n_arm:]
+        if interface.command_space == "joint":
+            draft = joint_draft(hand, step, DRAFT_HORIZON)
+        else:
+            planned = hand.double().unflatten(-1, (4, 3))
+            tips = fingertips(observation[STATE][:, -N_HAND_JOINTS:].double())
+            draft = tip_draft(planned, step, DRAFT_HORIZON, tips)
+        hand_targets = interface.step(observation, draft).to(chunk.dtype)
+        return torch.cat([arm[:, step], hand_targets], -1)

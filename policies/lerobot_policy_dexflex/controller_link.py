@@ -8,7 +8,7 @@ from lerobot_dexflex.runs.provenance import weights_digest
 
 
 class LinkConfig(Protocol):
-    """The fields of a policy's configuration that name its interface."""
+    """The fields of a configuration that name an interface."""
 
     interface: str
     controller: str
@@ -23,21 +23,37 @@ def link_interface(config: LinkConfig) -> Interface:
     Raises:
         DexFlexError: If the interface needs a controller and there is none.
     """
+    interface, change = open_interface(config)
+    if change:
+        warnings.warn(
+            f"{change}: its results will differ. Name the original with --policy.controller=<folder or hub "
+            "id>, or accept this one with --policy.controller_digest=",
+            stacklevel=2,
+        )
+    return interface
+
+
+def open_interface(config: LinkConfig) -> tuple[Interface, str]:
+    """Make the interface that a configuration names; notes its controller's content hash there.
+
+    Returns:
+        The interface, and how its controller differs from the one that was noted before; empty if it does
+        not, or none was noted under this interface.
+
+    Raises:
+        DexFlexError: If there is no such interface, or it needs a controller and there is none.
+    """
     method = Method.parse(config.interface)
     if not method.learned:
-        return method.make()
+        return method.make(), ""
     weights = method.weights(config.controller)
     folder, found, saved = (
         weights[0].parent,
         f"{method.base}:{weights_digest(weights)}",
         config.controller_digest,
     )
+    change = ""
     if saved.startswith(f"{method.base}:") and saved != found:
-        warnings.warn(
-            f"The controller {folder} ({found}) is not the one that this policy was saved with ({saved}): "
-            "its results will differ. Name the original with --policy.controller=<folder or hub id>, or "
-            "accept this one with --policy.controller_digest=",
-            stacklevel=2,
-        )
+        change = f"The controller {folder} ({found}) is not the one that this policy was saved with ({saved})"
     config.controller_digest = found
-    return method.make(folder)
+    return method.make(folder), change

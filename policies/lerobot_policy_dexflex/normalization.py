@@ -6,13 +6,13 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from lerobot_dexflex.hand.model import HAND_JOINTS
+from lerobot_dexflex.hand import leap
 
 MIN_ANGLE_STD = 0.01
 """A joint that hardly moves in the data is not blown up to unit scale [rad]."""
 MIN_LENGTH_STD = 0.002
 """The same for fingertips [m]."""
-N_HAND_JOINTS = len(HAND_JOINTS)
+N_HAND_JOINTS = len(leap.LINKS)
 N_TIP_NUMBERS = 12
 """Coordinates of the fingertips, which follow the joint targets in a dataset's action."""
 
@@ -88,6 +88,12 @@ def action_columns(n_joints: int, action_space: str, n_arm: int) -> list[int]:
     if action_space == "joint":
         return list(range(n_joints))
     return [*range(n_arm), *range(n_joints, n_joints + N_TIP_NUMBERS)]
+
+
+def action_sizes(n_joints: int, action_space: str = "draft") -> tuple[int, int]:
+    """Return the sizes of an action: of what an interface executes, and of a dataset's whole action."""
+    columns = action_columns(n_joints, action_space, n_joints - N_HAND_JOINTS)
+    return len(columns), n_joints + N_TIP_NUMBERS
 
 
 def compress_touch(taxels: Tensor, full_scale: float) -> Tensor:
