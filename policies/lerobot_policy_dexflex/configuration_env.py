@@ -17,6 +17,8 @@ from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
 # Importing the registration here also registers the tasks in asynchronous workers, which import only this.
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS
+from lerobot_policy_dexflex.frame_index import FrameIndex
+from lerobot_policy_dexflex.normalization import action_sizes
 
 CAMERAS = ("front", "wrist")
 IMAGE_SIZE = 96
@@ -33,6 +35,9 @@ class DexflexEnvConfig(EnvConfig):
     """Time limit in control steps; the task's own if None."""
     options: dict[str, Any] = field(default_factory=dict)
     """Further keyword arguments of the environment, e.g. '{"image_size": 128, "cameras": ["front"]}'."""
+    action_size: int = 0
+    """Numbers in the action of a policy whose post-processor makes joint targets of them
+    (`dexflex_interface_processor`); 0 if the policy itself says joint targets."""
     features: dict[str, PolicyFeature] = field(default_factory=dict)
     features_map: dict[str, str] = field(default_factory=dict)
 
@@ -48,10 +53,16 @@ class DexflexEnvConfig(EnvConfig):
             raise ParsingError(f"`episode_length` must be at least 1. Got {self.episode_length}.")
         size, names = self._observed_images()
         joints = TASKS[self.task].joints
+        sizes = (joints, *action_sizes(joints))
+        if self.action_size not in (0, *sizes):
+            raise ParsingError(
+                f"`action_size` of {self.task} must be {', '.join(map(str, sizes))} or 0. "
+                f"Got {self.action_size}."
+            )
         vectors = {"agent_pos": joints, "tactile": 240, "fingertips": 12, "gravity": 3}
         cameras = [f"{OBS_IMAGES}.{camera}" for camera in names]
         self.features = {
-            ACTION: PolicyFeature(FeatureType.ACTION, (joints,)),
+            ACTION: PolicyFeature(FeatureType.ACTION, (self.action_size or joints,)),
             **{key: PolicyFeature(FeatureType.STATE, (size,)) for key, size in vectors.items()},
             **{key: PolicyFeature(FeatureType.VISUAL, (size, size, 3)) for key in cameras},
         }
@@ -120,8 +131,8 @@ def _option_names(entry_point: str) -> list[str]:
 
 def _make_env(config: DexflexEnvConfig) -> gymnasium.Env:
     def make() -> gymnasium.Env:
-        return gymnasium.make(
-            config.gym_id, disable_env_checker=config.disable_env_checker, **config.gym_kwargs
+        return FrameIndex(
+            gymnasium.make(config.gym_id, disable_env_checker=config.disable_env_checker, **config.gym_kwargs)
         )
 
     return freeze_after_episode_end(make)()

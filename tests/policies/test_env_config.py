@@ -87,6 +87,13 @@ def test_the_time_limit_is_the_tasks_own_unless_told():
         DexflexEnvConfig(episode_length=0)
 
 
+def test_a_policy_whose_post_processor_makes_joint_targets_has_an_action_of_another_size():
+    assert env_to_policy_features(DexflexEnvConfig(action_size=19))["action"].shape == (19,)
+    for task, valid in (("PourCup-v0", "23, 19, 35"), ("Reach-v0", "16, 12, 28")):
+        with pytest.raises(ParsingError, match=f"`action_size` of {task} must be {valid} or 0. Got 7"):
+            DexflexEnvConfig(task=task, action_size=7)
+
+
 @pytest.mark.parametrize("asynchronous", [False, True])
 def test_the_task_is_made_and_a_finished_episode_freezes(asynchronous):
     config = DexflexEnvConfig(episode_length=2)
@@ -97,6 +104,7 @@ def test_the_task_is_made_and_a_finished_episode_freezes(asynchronous):
         assert observation["pixels"]["front"].shape == (2, 96, 96, 3)
         assert not info["is_success"].any()
         assert list(vector.call("task")) == ["PlaceHammer-v0"] * 2
+        assert observation["frame_index"].tolist() == [[0], [0]]
         action = observation["agent_pos"]
         assert not vector.step(action)[3].any()
         last, _, _, truncated, _ = vector.step(action)
@@ -104,7 +112,10 @@ def test_the_task_is_made_and_a_finished_episode_freezes(asynchronous):
         for _ in range(2):
             frozen, reward, *_ = vector.step(action)
             np.testing.assert_array_equal(frozen["agent_pos"], last["agent_pos"])
+            assert frozen["frame_index"].tolist() == [[2], [2]]
             assert not reward.any()
+        anew, _ = vector.reset(options={NEW_ROLLOUT_OPTION: True})
+        assert anew["frame_index"].tolist() == [[0], [0]]
     finally:
         vector.close()
 
