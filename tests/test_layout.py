@@ -73,14 +73,16 @@ def test_importing_the_plugin_loads_neither_models_nor_mujoco():
     assert run_python("-c", code) == ""
 
 
-def test_lerobot_discovers_policy_and_environment():
+def test_lerobot_discovers_policy_environment_and_processor_step():
     code = (
         "from lerobot.utils.import_utils import register_third_party_plugins as register;"
         "from lerobot.configs import PreTrainedConfig; from lerobot.envs import EnvConfig; register();"
+        "from lerobot.processor import ProcessorStepRegistry;"
         "print('dexflex_flow' in PreTrainedConfig.get_known_choices(),"
-        " 'dexflex' in EnvConfig.get_known_choices())"
+        " 'dexflex' in EnvConfig.get_known_choices(),"
+        " 'dexflex_interface_processor' in ProcessorStepRegistry.list())"
     )
-    assert run_python("-c", code) == "True True"
+    assert run_python("-c", code) == "True True True"
 
 
 @pytest.mark.parametrize("options", [["-m"], ["-P", "-m"]], ids=["root on path", "root off path"])

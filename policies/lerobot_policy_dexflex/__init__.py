@@ -1,5 +1,10 @@
-"""LeRobot plugin: `--policy.type=dexflex_flow` or `dexflex_adapter`, and `--env.type=dexflex`."""
+"""LeRobot plugin: `--policy.type=dexflex_flow|dexflex_adapter`, `--env.type=dexflex`, processor steps."""
 
 from lerobot_policy_dexflex.configuration_dexflex_adapter import DexflexAdapterConfig as DexflexAdapterConfig
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig as DexflexFlowConfig
 from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig as DexflexEnvConfig
+from lerobot_policy_dexflex.interface_steps import InterfaceProcessorStep as InterfaceProcessorStep
+from lerobot_policy_dexflex.interface_steps import (
+    RememberObservationProcessorStep as RememberObservationProcessorStep,
+)
+from lerobot_policy_dexflex.interface_steps import set_interface as set_interface

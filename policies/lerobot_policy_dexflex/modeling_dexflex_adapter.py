@@ -18,6 +18,7 @@ from lerobot_policy_dexflex.chunk_execution import ChunkExecution
 from lerobot_policy_dexflex.compatibility import check_observation, check_offer, shapes
 from lerobot_policy_dexflex.configuration_dexflex_adapter import NOT_TRAINED, DexflexAdapterConfig
 from lerobot_policy_dexflex.controller_link import link_interface
+from lerobot_policy_dexflex.interface_steps import InterfaceProcessorStep
 from lerobot_policy_dexflex.normalization import N_HAND_JOINTS, N_TIP_NUMBERS, action_columns
 
 
@@ -61,6 +62,11 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
             config.backbone_path,
             preprocessor_overrides={"device_processor": {"device": config.device}},
         )
+        if any(isinstance(step, InterfaceProcessorStep) for step in self._after.steps):
+            raise DexFlexError(
+                "The backbone's post-processor has an interface of its own. Evaluate the backbone itself, "
+                f"with --policy.path={config.backbone_path}, or name one without."
+            )
         interface = link_interface(config)
         n_arm = n_joints - N_HAND_JOINTS
         self._columns = action_columns(n_joints, interface.command_space, n_arm)

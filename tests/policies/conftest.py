@@ -1,5 +1,6 @@
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 import torch
@@ -52,3 +53,49 @@ def observation(samples):
     rows = [0, 4, 8, 14]
     keys = [key for key in samples if key.startswith("observation.") and "next" not in key]
     return {key: samples[key][rows] for key in keys}
+
+
+@pytest.fixture(scope="session")
+def backbone(synthetic_dataset, tmp_path_factory):
+    """Save an untrained ACT with its processors, as lerobot-train does."""
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+    from lerobot.policies import make_policy
+    from lerobot.policies.act.configuration_act import ACTConfig
+    from lerobot.policies.factory import make_pre_post_processors
+
+    torch.manual_seed(0)
+    meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
+    config = ACTConfig(
+        dim_model=32,
+        n_heads=2,
+        dim_feedforward=32,
+        n_encoder_layers=1,
+        n_vae_encoder_layers=1,
+        pretrained_backbone_weights=None,
+        chunk_size=12,
+        n_action_steps=12,
+        device="cpu",
+        push_to_hub=False,
+    )
+    policy = make_policy(config, ds_meta=meta)
+    folder = tmp_path_factory.mktemp("act")
+    policy.save_pretrained(folder)
+    for processor in make_pre_post_processors(config, dataset_stats=cast(Any, meta.stats)):
+        processor.save_pretrained(folder)
+    return folder
+
+
+@pytest.fixture
+def adapter(backbone):
+    """Return a function that puts an interface under it, as lerobot-eval does."""
+    from lerobot.policies import make_policy
+
+    from lerobot_policy_dexflex import DexflexAdapterConfig, DexflexEnvConfig
+
+    def build(**settings):
+        config = DexflexAdapterConfig(
+            **{"backbone_path": str(backbone), "device": "cpu", "push_to_hub": False, **settings}
+        )
+        return make_policy(config, env_cfg=DexflexEnvConfig(task="PlaceHammer-v0"))
+
+    return build

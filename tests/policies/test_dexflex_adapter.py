@@ -1,7 +1,6 @@
 """Any chunking policy of LeRobot below any interface."""
 
 import shutil
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,52 +11,6 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.policies import AdaptedPolicies
 from lerobot_dexflex.hand.kinematics import fingertips
-
-
-@pytest.fixture(scope="module")
-def backbone(synthetic_dataset, tmp_path_factory):
-    """Save an untrained ACT with its processors, as lerobot-train does."""
-    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
-    from lerobot.policies import make_policy
-    from lerobot.policies.act.configuration_act import ACTConfig
-    from lerobot.policies.factory import make_pre_post_processors
-
-    torch.manual_seed(0)
-    meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
-    config = ACTConfig(
-        dim_model=32,
-        n_heads=2,
-        dim_feedforward=32,
-        n_encoder_layers=1,
-        n_vae_encoder_layers=1,
-        pretrained_backbone_weights=None,
-        chunk_size=12,
-        n_action_steps=12,
-        device="cpu",
-        push_to_hub=False,
-    )
-    policy = make_policy(config, ds_meta=meta)
-    folder = tmp_path_factory.mktemp("act")
-    policy.save_pretrained(folder)
-    for processor in make_pre_post_processors(config, dataset_stats=cast(Any, meta.stats)):
-        processor.save_pretrained(folder)
-    return folder
-
-
-@pytest.fixture
-def adapter(backbone):
-    """Return a function that puts an interface under it, as lerobot-eval does."""
-    from lerobot.policies import make_policy
-
-    from lerobot_policy_dexflex import DexflexAdapterConfig, DexflexEnvConfig
-
-    def build(**settings):
-        config = DexflexAdapterConfig(
-            **{"backbone_path": str(backbone), "device": "cpu", "push_to_hub": False, **settings}
-        )
-        return make_policy(config, env_cfg=DexflexEnvConfig(task="PlaceHammer-v0"))
-
-    return build
 
 
 @pytest.mark.parametrize("interface", ["joint", "raw", "press", "dexgen", "dexflex"])
