@@ -3,8 +3,7 @@
 python docs/render_results.py
 
 results.png: success of the interfaces on every task, with clean and with spoilt commands, from
-eval/results/tasks.csv. degraded.png and removals.png: figures of the benchmark's report, from reach.csv
-there; without that file they stay as they are.
+eval/results/tasks.csv. degraded.png and removals.png: figures of the in-hand benchmark, from reach.csv there.
 """
 
 from pathlib import Path
@@ -28,20 +27,23 @@ CONDITIONS = {
 }
 """Conditions and their meanings, a panel each."""
 INTERFACES = ("joint", "raw", "press", "dexgen", "dexflex")
+BENCHMARK = (
+    ("press", "dexgen", "dexflex"),
+    ("clean", "noise_2mm", "scale_1.5", "delay_2", "removal_2mm"),
+)
+"""Methods and conditions of the in-hand benchmark's figures."""
 SPREAD = 0.7
 """Width of a group of interfaces; the groups' distance is 1."""
 
 
 def main() -> None:
     """Draw all that there are rows of."""
-    pictures = {"results": success()}
-    if (RESULTS / "reach.csv").exists():
-        benchmark = summarise_benchmark(newest(read(RESULTS / "reach.csv")))
-        pictures["degraded"] = plots.bars(benchmark)
-        pictures["removals"] = plots.around_removals(benchmark) or b""
+    benchmark = summarise_benchmark(newest(read(RESULTS / "reach.csv")), *BENCHMARK)
+    around = plots.around_removals(benchmark)
+    assert around is not None
+    pictures = {"results": success(), "degraded": plots.bars(benchmark), "removals": around}
     for name, picture in pictures.items():
-        if picture:
-            Path(__file__).with_name(f"{name}.png").write_bytes(picture)
+        Path(__file__).with_name(f"{name}.png").write_bytes(picture)
 
 
 def success() -> bytes:

@@ -9,7 +9,6 @@ view of that NAME, from the rows of `eval/results/tasks.csv`.
 
 import re
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -45,6 +44,18 @@ class View:
             raise DexFlexError(f"`by` must be `task` or `condition`. Got {self.by!r}.")
 
 
+@dataclass(frozen=True)
+class Benchmark:
+    """A table of the in-hand benchmark: progress by method, a column per condition."""
+
+    methods: str
+    """Names, separated by commas."""
+    conditions: str
+    """Names, separated by commas."""
+    reference: str = "dexflex"
+    """Method that the others are tested against."""
+
+
 def _replays(methods: str) -> str:
     return ",".join(f"replay_measured/{name}" for name in methods.split(","))
 
@@ -65,14 +76,29 @@ VIEWS = {
     "expert": View("expert"),
 }
 """What a document may show, by name."""
+_SPLIT = "dexflex:use_splitter=True"
 BENCHMARKS = {
-    "motion": ("raw,press,dexgen,dexflex-noselection,dexflex,forces,operator", "clean,removal_2mm"),
-    "pressing": (
-        "raw,press,projection,dexgen:use_splitter=True,dexflex,dexflex:use_splitter=True",
+    "motion": Benchmark(
+        "raw,press,dexgen,dexflex-noselection,dexflex-notouch,dexflex,forces,operator", "clean,removal_2mm"
+    ),
+    "families": Benchmark("press,dexgen,dexflex", "noise_2mm,scale_1.5,delay_2,removal_2mm"),
+    "ablations": Benchmark(
+        "dexflex-noselection,dexflex-noconsequence,dexflex-nopure,dexflex-noseeded,dexflex-nofinger,"
+        "dexflex-noslow,dexflex-notouch,dexflex-nogrip,dexflex",
+        "removal_2mm",
+    ),
+    "pressing": Benchmark(
+        f"raw,press,projection,dexgen:use_splitter=True,dexflex,{_SPLIT}",
         "pressing,removal_2mm+pressing",
+        _SPLIT,
+    ),
+    "pressing_families": Benchmark(
+        f"raw,press,projection,dexgen:use_splitter=True,{_SPLIT}",
+        "noise_2mm+pressing,scale_1.5+pressing,delay_2+pressing,removal_2mm+pressing",
+        _SPLIT,
     ),
 }
-"""Methods and conditions of the in-hand benchmark that a document may show, by name."""
+"""Tables of the in-hand benchmark that a document may show, by name."""
 TRAININGS = "trainings"
 """Name of the table of several trainings of the controller in the in-hand benchmark."""
 
@@ -122,12 +148,14 @@ def filled(text: str, results: Path = RESULTS, up: str = "") -> str:
             raise DexFlexError(f"There is no view {name!r} of the results. Valid: {valid}.")
         source = f"{up}eval/results/{'tasks' if name in VIEWS else 'reach'}.csv"
         if name in BENCHMARKS:
-            content = benchmark_markdown(results, *[words.split(",") for words in BENCHMARKS[name]])
+            content = benchmark_markdown(results, BENCHMARKS[name])
         elif name == TRAININGS:
             content = trainings_markdown(results)
         else:
             content = markdown(replace(VIEWS[name], results=results))
-        return f"<!-- results:{name} -->\n{content} Every episode: [{source}]({source}).\n<!-- /results -->"
+        last = f"Every episode: [{source}]({source})."
+        space = "" if content.endswith("\n") else " "
+        return f"<!-- results:{name} -->\n{content}{space}{last}\n<!-- /results -->"
 
     return _BLOCK.sub(block, text)
 
@@ -162,14 +190,15 @@ def markdown(view: View) -> str:
     return "\n\n".join(parts)
 
 
-def benchmark_markdown(results: Path, methods: Sequence[str], conditions: Sequence[str]) -> str:
-    """Return progress in the in-hand benchmark and the tests of dexflex, from `reach.csv`."""
+def benchmark_markdown(results: Path, table: Benchmark) -> str:
+    """Return progress in the in-hand benchmark and the tests of its reference, from `reach.csv`."""
     from lerobot_dexflex.evaluation.reach.summary import family, summarise
     from lerobot_dexflex.evaluation.reach.tables import TEST_HEADER, as_markdown, mean_text, test_rows
     from lerobot_dexflex.evaluation.summary import newest
     from lerobot_dexflex.runs.table import read
 
-    summary = summarise(newest(read(results / "reach.csv")), methods, conditions)
+    methods, conditions = table.methods.split(","), table.conditions.split(",")
+    summary = summarise(newest(read(results / "reach.csv")), methods, conditions, table.reference)
     several = len({family(condition) for condition in conditions} - {None}) > 1
     shown = summary.conditions if several else summary.run
     rows = [
