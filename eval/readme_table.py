@@ -225,7 +225,8 @@ def trainings_markdown(results: Path) -> str:
     n = min(cell.together.n for cell in cells)
     return (
         f"{markdown(cells)}\n\nn = {n} test chains per cell, each run by {len(paths)} trainings of the "
-        "controller; their progress is averaged for each chain before methods are compared."
+        "controller; their progress is averaged for each chain before methods are compared. Rows of "
+        f"the other trainings: {', '.join(f'`{path.name}`' for path in paths[1:])}."
     )
 
 
