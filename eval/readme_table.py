@@ -19,8 +19,8 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "eval/results"
 TASKS = "PourCup-v0,PlaceHammer-v0,AssembleTable-v0"
 FIVE = "joint,raw,press,dexgen,dexflex"
-TWO = "joint,raw"
-"""Measured under the shipped policies, which learned joint targets and commanded fingertips."""
+POLICIES = "joint,press:4,dexgen,dexflex"
+"""Measured under the shipped policies, which learned joint targets and measured fingertips."""
 _BLOCK = re.compile(r"<!-- results:(?P<name>\w+) -->\n.*?<!-- /results -->", re.DOTALL)
 
 
@@ -61,13 +61,10 @@ def _replays(methods: str) -> str:
 
 
 VIEWS = {
-    "tasks": View(TWO),
-    "tasks_removal": View(TWO, "removal_2mm"),
-    "tasks_noise": View(TWO, "noise_4mm"),
-    "disturbed": View(TWO, "slippery,pushed,heavy,late_touch", by="condition"),
-    "pour_cup": View(TWO, tasks="PourCup-v0"),
-    "place_hammer": View(TWO, tasks="PlaceHammer-v0"),
-    "assemble_table": View(TWO, tasks="AssembleTable-v0"),
+    "tasks": View(POLICIES),
+    "pour_cup": View(POLICIES, tasks="PourCup-v0"),
+    "place_hammer": View(POLICIES, tasks="PlaceHammer-v0"),
+    "assemble_table": View(POLICIES, tasks="AssembleTable-v0"),
     "replay": View(_replays("press:4,dexgen,dexflex")),
     "replay_hammer": View(
         _replays("raw,press,press:4,dexgen,dexflex-noselection,dexflex-notouch,dexflex"),

@@ -151,7 +151,7 @@ def test_the_configs_of_a_task_differ_in_nothing_but_the_interface(task):
         yaml.safe_load((ROOT / f"configs/policy/{task}_{name}.yaml").read_text())
         for name in ("joint", "draft")
     )
-    assert (joint["policy"].pop("interface"), draft["policy"].pop("interface")) == ("joint", "raw")
+    assert (joint["policy"].pop("interface"), draft["policy"].pop("interface")) == ("joint", "dexflex")
     assert (joint.pop("output_dir"), draft.pop("output_dir")) == (
         f"outputs/{task}_joint",
         f"outputs/{task}_draft",
