@@ -91,8 +91,8 @@ def test_training_serves_the_dataset_from_memory(runs):
 
 def test_the_checkpoint_remembers_its_action_space_and_draft(runs):
     config = json.loads((runs.checkpoint / "config.json").read_text())
-    assert (config["type"], config["action_space"], config["interface"]) == ("dexflex_flow", "draft", "raw")
-    assert config["draft"] == "measured"
+    assert (config["type"], config["interface"]) == ("dexflex_flow", "dexflex")
+    assert (config["action_space"], config["draft"]) == ("draft", "measured")
 
 
 def test_a_resumed_training_goes_on_from_weights_average_and_step(runs):
