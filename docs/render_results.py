@@ -31,7 +31,7 @@ SPREAD = 0.7
 
 
 def main() -> None:
-    """Draw all that there are rows of."""
+    """Draw all of them."""
     benchmark = summarise_benchmark(newest(read(RESULTS / "reach.csv")), *BENCHMARK)
     around = plots.around_removals(benchmark)
     assert around is not None

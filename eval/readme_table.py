@@ -1,7 +1,7 @@
 """Print tables of the published results, or fill those of the documents from them.
 
 python eval/readme_table.py
-python eval/readme_table.py --conditions=clean,noise_4mm --methods=joint,raw,dexflex
+python eval/readme_table.py --tasks=PourCup-v0 --methods=joint,press:4,dexflex
 
 Without arguments, every `<!-- results:NAME -->` ... `<!-- /results -->` of the documents is filled with the
 view of that NAME, from the rows of `eval/results/tasks.csv`.
@@ -18,7 +18,6 @@ from lerobot_dexflex.errors import DexFlexError
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "eval/results"
 TASKS = "PourCup-v0,PlaceHammer-v0,AssembleTable-v0"
-FIVE = "joint,raw,press,dexgen,dexflex"
 POLICIES = "joint,press:4,dexgen,dexflex"
 """Measured under the shipped policies, which learned joint targets and measured fingertips."""
 _BLOCK = re.compile(r"<!-- results:(?P<name>\w+) -->\n.*?<!-- /results -->", re.DOTALL)
@@ -28,7 +27,7 @@ _BLOCK = re.compile(r"<!-- results:(?P<name>\w+) -->\n.*?<!-- /results -->", re.
 class View:
     """Tables of published episodes: success by method, a column per task or condition."""
 
-    methods: str = FIVE
+    methods: str = POLICIES
     """Names in the table, separated by commas, such as `raw,act/raw`."""
     conditions: str = "clean"
     """Names, separated by commas: a table each, or a column each with `by=condition`."""
@@ -61,10 +60,10 @@ def _replays(methods: str) -> str:
 
 
 VIEWS = {
-    "tasks": View(POLICIES),
-    "pour_cup": View(POLICIES, tasks="PourCup-v0"),
-    "place_hammer": View(POLICIES, tasks="PlaceHammer-v0"),
-    "assemble_table": View(POLICIES, tasks="AssembleTable-v0"),
+    "tasks": View(),
+    "pour_cup": View(tasks="PourCup-v0"),
+    "place_hammer": View(tasks="PlaceHammer-v0"),
+    "assemble_table": View(tasks="AssembleTable-v0"),
     "replay": View(_replays("press:4,dexgen,dexflex")),
     "replay_hammer": View(
         _replays("raw,press,press:4,dexgen,dexflex-noselection,dexflex-notouch,dexflex"),
