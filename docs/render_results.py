@@ -13,7 +13,7 @@ import numpy as np
 
 from lerobot_dexflex.evaluation.reach import plots
 from lerobot_dexflex.evaluation.reach.summary import summarise as summarise_benchmark
-from lerobot_dexflex.evaluation.report.canvas import LEGEND, colour, new_panels, png
+from lerobot_dexflex.evaluation.report.canvas import LEGEND, colour, new_figure, png
 from lerobot_dexflex.evaluation.summary import newest, summarise
 from lerobot_dexflex.runs.statistics import Rate
 from lerobot_dexflex.runs.table import read
@@ -45,7 +45,7 @@ def success() -> bytes:
     rows = newest(read(RESULTS / "tasks.csv"))
     shifts = np.linspace(-SPREAD / 2, SPREAD / 2, len(INTERFACES))
     looks = [(name, shift, colour(k)) for k, (name, shift) in enumerate(zip(INTERFACES, shifts, strict=True))]
-    figure, (axes,) = new_panels(9.0, 3.2, 1)
+    figure, axes = new_figure(9.0, 3.2)
     part = rows.loc[(rows["condition"] == "clean") & rows["task"].isin(TASKS)]
     summary = summarise(part, list(INTERFACES), columns=TASKS)
     for name, shift, ink in looks:

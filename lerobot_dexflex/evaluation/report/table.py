@@ -143,8 +143,8 @@ def detail_markdown(summary: Summary) -> str:
     tests = f" Exact McNemar tests (Holm): {pairs_sentence(summary)}" if summary.tests else ""
     return (
         as_markdown(header, rows)
-        + f"\n\nn = {_episodes(summary)} paired episodes per interface on held-out initial states "
-        + f"(seeds {seeds.min()} to {seeds.max()}).{tests}"
+        + f"\n\nn = {_episodes(summary)} paired episodes per interface, "
+        + f"seeds {seeds.min()} to {seeds.max()}.{tests}"
     )
 
 
