@@ -8,8 +8,8 @@ READY := .venv/.synced
 help:  ## List the targets.
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-8s %s\n", $$1, $$2}'
 
-demo: $(READY)  ## Compare joint targets, DexGen and DexFlex on the shipped policies (2 minutes on 2 cores).
-	$(PYTHON) eval/compare_interfaces.py --methods=joint,dexgen,dexflex --demo
+demo: $(READY)  ## Compare press, DexGen and DexFlex below a live operator (2 minutes on 2 cores).
+	$(PYTHON) eval/compare_interfaces.py --operator=true --conditions=typical --methods=press:4,dexgen,dexflex --demo=true
 
 test: $(READY)  ## Run all tests on 2 cores (about 5 minutes).
 	$(PYTHON) -m pytest --numprocesses=2 --dist=worksteal

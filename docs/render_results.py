@@ -2,8 +2,8 @@
 
 python docs/render_results.py
 
-results.png: success of the interfaces on every task, from eval/results/tasks.csv. degraded.png and
-removals.png: figures of the in-hand benchmark, from reach.csv there.
+results.png: success of the interfaces below a live operator on every task, from eval/results/tasks.csv.
+degraded.png and removals.png: figures of the in-hand benchmark, from reach.csv there.
 """
 
 from pathlib import Path
@@ -20,7 +20,13 @@ from lerobot_dexflex.runs.table import read
 
 RESULTS = Path(__file__).resolve().parents[1] / "eval/results"
 TASKS = ("PourCup-v0", "PlaceHammer-v0", "AssembleTable-v0")
-INTERFACES = ("joint", "press:4", "dexgen", "dexflex")
+INTERFACES = (
+    "operator/joint",
+    "operator-pressing/raw",
+    "operator/press:4",
+    "operator/dexgen",
+    "operator/dexflex",
+)
 BENCHMARK = (
     ("press", "dexgen", "dexflex"),
     ("clean", "noise_2mm", "scale_1.5", "delay_2", "removal_2mm"),
@@ -46,7 +52,7 @@ def success() -> bytes:
     shifts = np.linspace(-SPREAD / 2, SPREAD / 2, len(INTERFACES))
     looks = [(name, shift, colour(k)) for k, (name, shift) in enumerate(zip(INTERFACES, shifts, strict=True))]
     figure, axes = new_figure(9.0, 3.2)
-    part = rows.loc[(rows["condition"] == "clean") & rows["task"].isin(TASKS)]
+    part = rows.loc[(rows["condition"] == "typical") & rows["task"].isin(TASKS)]
     summary = summarise(part, list(INTERFACES), columns=TASKS)
     for name, shift, ink in looks:
         _draw(axes, [summary.rates[name, column] for column in summary.columns], shift, ink)

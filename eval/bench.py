@@ -123,7 +123,7 @@ def part_costs() -> dict[str, float]:
 
 
 def policy_costs(checkpoint: Path) -> dict[str, float]:
-    """Return seconds per control step of the shipped draft policy, planning included; empty without it."""
+    """Return seconds per control step of the shipped policy, planning included; empty without it."""
     if not checkpoint.is_dir():
         return {}
     from lerobot_dexflex.evaluation.policies import LeRobotPolicies
@@ -132,7 +132,7 @@ def policy_costs(checkpoint: Path) -> dict[str, float]:
     observation, _ = env.reset()
     stacked = {key: value[None] for key, value in observation.items() if key != "pixels"}
     stacked["pixels"] = {name: image[None] for name, image in observation["pixels"].items()}
-    controller = LeRobotPolicies(joint=checkpoint, draft=checkpoint)("raw")
+    controller = LeRobotPolicies(checkpoint)("raw")
     controller.reset([SEED])
     task = str(env.get_wrapper_attr("task_description"))
     return {"policy `raw`, per control step": best(lambda: controller.act(stacked, task), 24, 5)}
@@ -250,8 +250,8 @@ def simulation(workers: int) -> dict[str, Any]:
     parts = part_costs()
     rates = environment_rates(workers)
     rates["bare mj_step of the same model, one core"] = 1 / (SUBSTEPS * parts["bare mj_step"])
-    parts |= policy_costs(Path("policies/checkpoints/place_hammer_draft"))
-    parts |= training_costs(Path("configs/policy/place_hammer_draft.yaml"))
+    parts |= policy_costs(Path("policies/checkpoints/place_hammer"))
+    parts |= training_costs(Path("configs/policy/place_hammer.yaml"))
     print(f"{TASK}, hammer in the hand, wrist swaying; renderer {os.environ['MUJOCO_GL']}\n")
     print(f"{'control steps per second':45}{'20 Hz real time':>18}")
     for name, rate in rates.items():

@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_dexflex import console
+from lerobot_dexflex.commands.source import check_source
+from lerobot_dexflex.conventions import COMMANDED, DRAFTS
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 
@@ -27,34 +29,40 @@ DEMO_EPISODES, DEMO_VIDEOS = 12, 2
 
 @dataclass
 class Config:
-    """Compare action interfaces on the same episodes of tasks, under policies or the scripted operator."""
+    """Compare action interfaces on the same episodes of tasks, under policies or the privileged operator."""
 
     tasks: str = "PlaceHammer-v0"
     """Names of tasks, separated by commas."""
     methods: str = "joint,raw,press"
     """`name[-ablation][:options][@gain],...`, such as `raw,dexgen@0.4,dexflex-notouch`."""
     conditions: str = "clean"
-    """What goes wrong, separated by commas: errors of commands and disturbances, such as
-    `clean,noise_4mm,removal_2mm+heavy`."""
+    """What goes wrong, separated by commas: a person's level, errors of commands and disturbances, such as
+    `clean,typical,noise_4mm,removal_2mm+heavy`."""
     episodes: int = 0
     """Per task, method and condition; 0 means 100, or 12 with `demo`."""
     seed: int = 100_000
     """Episode i starts from environment seed `seed + i`; the default and above are held out."""
-    joint_policy: Path | None = None
-    """Folder `pretrained_model` of the policy that learned joint targets; default: the task's shipped one."""
-    draft_policy: Path | None = None
-    """The same for all interfaces that read drafts."""
+    policy: Path | None = None
+    """Folder `pretrained_model` of the policy under all interfaces; default: the task's shipped one."""
+    draft: str = ""
+    """Which of the policy's fingertips interfaces that read drafts execute: `measured` or `commanded`.
+    Empty leaves it to the policy: measured ones if it learned them."""
     policies: str = ""
     """`METHOD=FOLDER,...`: methods' own checkpoints, e.g. trained on what was recorded through them."""
     backbone: Path | None = None
     """Folder `pretrained_model` of ACT or another policy of LeRobot, under all interfaces, instead."""
     operator: bool = False
-    """No policy: the scripted, privileged expert teleoperates the hand through the interfaces."""
+    """No policy: the privileged operator teleoperates the hand through the interfaces; `joint`
+    executes its own joints."""
+    source: str = "motion"
+    """What the operator's drafts say: `motion`, where the fingertips should be, or `pressing`, that and the
+    squeeze."""
     controller: str = ""
     """Folder or hub id of the controller of dexgen and dexflex; default: the shipped one."""
     label: str = ""
     """Goes before the methods' names in the table, to tell policies apart: `act` leaves rows of `act/raw`.
-    Empty: nothing, `operator` or the kind of the `backbone`."""
+    Empty: nothing, `operator`, `operator-pressing`, the kind of the `backbone`, or `commanded` with
+    `draft=commanded`."""
     device: str = "cpu"
     """Torch device of the policies."""
     workers: int = 2
@@ -76,13 +84,16 @@ class Config:
         for name in ("workers", "episodes", "seed"):
             if getattr(self, name) < 0:
                 raise DexFlexError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
-        ours = any((self.joint_policy, self.draft_policy, self.policies))
+        if self.draft not in ("", *DRAFTS):
+            raise DexFlexError(f"`draft` must be {' or '.join(DRAFTS)}. Got {self.draft!r}.")
+        ours = any((self.policy, self.draft, self.policies))
         if ours + (self.backbone is not None) + self.operator > 1:
             raise DexFlexError(
-                "Give one of --operator, --backbone, which serves all interfaces, or --joint_policy, "
-                "--draft_policy and --policies."
+                "Give one of --operator, --backbone, or our policies: --policy, --draft and --policies."
             )
-        if (ours or self.backbone) and len(names(self.tasks)) > 1:
+        if check_source(self.source) == "pressing" and not self.operator:
+            raise DexFlexError("`source` says what the operator's drafts hold. Give --operator=true as well.")
+        if (self.policy or self.policies or self.backbone) and len(names(self.tasks)) > 1:
             raise DexFlexError(f"A policy learned one task. Give one of --tasks={self.tasks}, or no policy.")
 
 
@@ -134,17 +145,17 @@ def build(config: Config) -> Any:
 
 
 def players(config: Config, task: str) -> Any:
-    """Return who acts on a task: our policies, any policy of LeRobot, or the scripted operator."""
+    """Return who acts on a task: our policies, any policy of LeRobot, or the privileged operator."""
     from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies
     from lerobot_dexflex.evaluation.teleoperators import Teleoperators
 
     if config.operator:
-        return Teleoperators(task, config.controller)
+        return Teleoperators(task, config.controller, check_source(config.source))
     if config.backbone is not None:
         return AdaptedPolicies(config.backbone, config.device, config.controller)
     return LeRobotPolicies(
-        joint=config.joint_policy or shipped(task, "joint"),
-        draft=config.draft_policy or shipped(task, "draft"),
+        policy=config.policy or shipped(task),
+        draft=config.draft,
         device=config.device,
         controller=config.controller,
         own=own_policies(names(config.policies)),
@@ -154,9 +165,9 @@ def players(config: Config, task: str) -> Any:
 def label(config: Config) -> str:
     """Return what goes before the methods' names."""
     if config.label or not (config.operator or config.backbone):
-        return config.label
+        return config.label or (COMMANDED if config.draft == COMMANDED else "")
     if config.operator:
-        return "operator"
+        return "operator" if config.source == "motion" else f"operator-{config.source}"
     from lerobot_dexflex.evaluation.checkpoints import policy_type
 
     assert config.backbone is not None
@@ -182,10 +193,10 @@ def own_policies(words: Sequence[str]) -> tuple[tuple[str, Path], ...]:
     return tuple(found.items())
 
 
-def shipped(task: str, space: str) -> Path:
-    """Return the checkpoint that comes with the repository: PlaceHammer-v0 -> place_hammer_joint."""
+def shipped(task: str) -> Path:
+    """Return the checkpoint that comes with the repository: PlaceHammer-v0 -> place_hammer."""
     words = "".join(f"_{c.lower()}" if c.isupper() else c for c in task.split("-")[0]).strip("_")
-    return _ROOT / _CHECKPOINTS / f"{words}_{space}"
+    return _ROOT / _CHECKPOINTS / words
 
 
 def next_command(words: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""Measure the scripted expert's success rate on unseen initial states.
+"""Measure the operator's success rate on unseen initial states.
 
 python eval/expert_success.py --task=PlaceHammer-v0 --episodes=200 --seed=200000
 """
@@ -14,7 +14,7 @@ from lerobot_dexflex.errors import DexFlexError
 
 @dataclass
 class Config:
-    """Let a task's scripted expert attempt initial states that no demonstration started from."""
+    """Let a task's operator attempt initial states that no demonstration started from."""
 
     task: str = "PlaceHammer-v0"
     """A task with an expert."""

@@ -2,6 +2,7 @@
 
 python eval/readme_table.py
 python eval/readme_table.py --tasks=PourCup-v0 --methods=joint,press:4,dexflex
+python eval/readme_table.py --trainings=true --conditions=clean,removal_2mm
 
 Without arguments, every `<!-- results:NAME -->` ... `<!-- /results -->` of the documents is filled with the
 view of that NAME, from the rows of `eval/results/tasks.csv`.
@@ -19,7 +20,11 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "eval/results"
 TASKS = "PourCup-v0,PlaceHammer-v0,AssembleTable-v0"
 POLICIES = "joint,press:4,dexgen,dexflex"
-"""Measured under the shipped policies, which learned joint targets and measured fingertips."""
+"""Measured under policies, which learned joint targets and measured fingertips."""
+OPERATOR = (
+    "operator/joint,operator/raw,operator-pressing/raw,operator/press:4,operator/dexgen,operator/dexflex"
+)
+"""Measured below a live operator."""
 _BLOCK = re.compile(r"<!-- results:(?P<name>\w+) -->\n.*?<!-- /results -->", re.DOTALL)
 
 
@@ -35,6 +40,8 @@ class View:
     """Names, separated by commas."""
     by: str = "task"
     """What stands side by side: `task`, or `condition`, then with the episodes of all tasks together."""
+    trainings: bool = False
+    """Also read the rows of other trainings, `tasks_seed*.csv`, and tell what holds over trainings."""
     results: Path = RESULTS
     """Folder of `tasks.csv` and `runs.csv`."""
 
@@ -55,21 +62,10 @@ class Benchmark:
     """Method that the others are tested against."""
 
 
-def _replays(methods: str) -> str:
-    return ",".join(f"replay_measured/{name}" for name in methods.split(","))
-
-
 VIEWS = {
-    "tasks": View(),
-    "pour_cup": View(tasks="PourCup-v0"),
-    "place_hammer": View(tasks="PlaceHammer-v0"),
-    "assemble_table": View(tasks="AssembleTable-v0"),
-    "replay": View(_replays("press:4,dexgen,dexflex")),
-    "replay_hammer": View(
-        _replays("raw,press,press:4,dexgen,dexflex-noselection,dexflex-notouch,dexflex"),
-        tasks="PlaceHammer-v0",
-    ),
+    "operator": View(OPERATOR, conditions="typical"),
     "expert": View("expert"),
+    "policies": View(trainings=True),
 }
 """What a document may show, by name."""
 _SPLIT = "dexflex:use_splitter=True"
@@ -167,23 +163,37 @@ def markdown(view: View) -> str:
     Raises:
         DexFlexError: If it has no episodes.
     """
-    from lerobot_dexflex.evaluation.report.table import detail_markdown, rates_markdown
-    from lerobot_dexflex.evaluation.summary import grown, newest, summarise
-    from lerobot_dexflex.runs.table import RUNS, read
-
-    rows = newest(read(view.results / "tasks.csv"))
-    grew = grown(read(view.results / RUNS))
-    methods, conditions, tasks = (part.split(",") for part in (view.methods, view.conditions, view.tasks))
-    rows = rows.loc[rows["task"].isin(tasks) & rows["condition"].isin(conditions)]
+    conditions = view.conditions.split(",")
     if view.by == "condition":
-        return rates_markdown(summarise(rows, methods, "condition", conditions, grew))
+        return _one_table(view, conditions)
     parts = []
     for condition in conditions:
-        here = rows.loc[rows["condition"] == condition]
-        summary = summarise(here, methods, "task", tasks, grew)
-        text = rates_markdown(summary) if len(tasks) > 1 else detail_markdown(summary)
+        text = _one_table(view, [condition])
         parts.append(f"**{condition}**\n\n{text}" if len(conditions) > 1 else text)
     return "\n\n".join(parts)
+
+
+def _one_table(view: View, conditions: list[str]) -> str:
+    from lerobot_dexflex.evaluation.report import trainings
+    from lerobot_dexflex.evaluation.report.table import detail_markdown, rates_markdown
+    from lerobot_dexflex.evaluation.summary import grown, summarise
+    from lerobot_dexflex.evaluation.trainings import over_trainings, read_trainings
+    from lerobot_dexflex.runs.table import RUNS, read
+
+    others = sorted(view.results.glob("tasks_seed*.csv")) if view.trainings else []
+    tables = read_trainings([view.results / "tasks.csv", *others])
+    methods, tasks = view.methods.split(","), view.tasks.split(",")
+    tables = {
+        name: rows.loc[rows["task"].isin(tasks) & rows["condition"].isin(conditions)]
+        for name, rows in tables.items()
+    }
+    columns = conditions if view.by == "condition" else tasks
+    grew = grown(read(view.results / RUNS))
+    if view.trainings:
+        return trainings.markdown(over_trainings(tables, methods, view.by, columns, grew))
+    summary = summarise(tables["tasks.csv"], methods, view.by, columns, grew)
+    wide = view.by == "condition" or len(tasks) > 1
+    return rates_markdown(summary) if wide else detail_markdown(summary)
 
 
 def benchmark_markdown(results: Path, table: Benchmark) -> str:

@@ -17,6 +17,7 @@ def make_synthetic_dataset(
     offset=0.0,
     squeeze=0.0,
     rename=None,
+    extra=None,
     **changes,
 ) -> Path:
     """Write a tiny dataset in our schema: a bright square in all images says where the hand shall go.
@@ -29,6 +30,7 @@ def make_synthetic_dataset(
         offset: Added to joints and fingertips.
         squeeze: Added to commanded fingertips.
         rename: Other names of features, by name.
+        extra: Sizes of further columns, by name.
         **changes: Overrides of `LeRobotDataset.create`, e.g. another `fps`.
     """
     import av.logging
@@ -39,9 +41,10 @@ def make_synthetic_dataset(
     from lerobot_dexflex.recording.schema import columns, lerobot_features, robot_type
 
     av.logging.set_level(av.logging.PANIC)
-    joints, rename = joints or JOINTS, rename or {}
+    joints, rename, extra = joints or JOINTS, rename or {}, extra or {}
     images = {f"observation.images.{camera}": (size, size, 3) for camera in cameras}
     features = lerobot_features(columns(joints), images)
+    features |= {key: {"dtype": "float32", "shape": (n,), "names": None} for key, n in extra.items()}
     arguments = {
         "repo_id": "lerobot-dexflex/synthetic",
         "fps": 20,
@@ -59,6 +62,7 @@ def make_synthetic_dataset(
         goal = rng.uniform(-1, 1, 2)
         for k in range(steps):
             frame = _synthetic_frame(rng, goal, k / steps, images, len(joints), offset, squeeze)
+            frame |= {key: np.full(n, k, np.float32) for key, n in extra.items()}
             frame = {rename.get(key, key): value for key, value in frame.items()}
             kept = {key: value for key, value in frame.items() if key in dataset.features}
             dataset.add_frame(kept | {"task": "follow"})
@@ -139,3 +143,44 @@ def controller_folder(controller, tmp_path_factory):
     prior.network.load_state_dict(controller.prior.state_dict())
     prior.save(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def make_policy_checkpoint(tmp_path_factory) -> Callable[..., Path]:
+    """Returns a function that saves a policy of random weights as lerobot-train does."""
+    import torch
+    from lerobot.configs import FeatureType
+    from lerobot.envs.utils import env_to_policy_features
+    from lerobot.policies.factory import make_pre_post_processors
+
+    from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
+    from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig
+    from lerobot_policy_dexflex.modeling_dexflex_flow import DexflexFlowPolicy
+
+    def make(**settings) -> Path:
+        torch.manual_seed(0)
+        features = env_to_policy_features(DexflexEnvConfig())
+        statistics = {"mean": 0.0, "std": 0.3, "min": -0.5, "max": 0.5}
+        sizes = {"action": 35, "observation.state": 23, "observation.fingertips": 12}
+        stats = {key: {s: torch.full((n,), v) for s, v in statistics.items()} for key, n in sizes.items()}
+        config = DexflexFlowConfig(interface="raw", device="cpu", dim=32, n_layers=1, **settings)
+        config.input_features = {k: f for k, f in features.items() if f.type is not FeatureType.ACTION}
+        config.output_features = {k: f for k, f in features.items() if f.type is FeatureType.ACTION}
+        policy = DexflexFlowPolicy(config, dataset_stats=stats)
+        # Plans that a hand can follow: 30 mrad and 2 mm around where it is.
+        policy.scale.variance.copy_(torch.where(policy.plan.angles(), 0.03, 0.002).square())
+        # Its output layer starts at zero: every untrained plan would be the mean, whatever the noise.
+        torch.nn.init.normal_(policy.average.action_out.weight, std=0.3)
+        folder = tmp_path_factory.mktemp("checkpoint")
+        policy.save_pretrained(folder)
+        for processor in make_pre_post_processors(config, dataset_stats=stats):
+            processor.save_pretrained(folder)
+        return folder
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def policy_checkpoint(make_policy_checkpoint) -> Path:
+    """The folder of a policy of random weights that learned all parts of a plan."""
+    return make_policy_checkpoint()

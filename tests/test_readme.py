@@ -231,10 +231,10 @@ def table_rows(text, header):
 
 def test_readme_shows_the_averages_of_the_results():
     results = (ROOT / "docs/results.md").read_text()
-    _, rows = table_rows(results[results.index("<!-- results:tasks -->") :], "| interface |")
+    _, rows = table_rows(results[results.index("<!-- results:operator -->") :], "| interface |")
     prose = " ".join(README.read_text().split())
-    for name in ("joint", "dexflex"):
-        average, _, _ = rows[f"`{name}`"][-1].partition(", n =")
+    for name in ("joint", "press:4", "dexgen", "dexflex"):
+        average, _, _ = rows[f"`operator/{name}`"][-1].partition(", n =")
         assert f"`{name}` reaches {average}" in prose or f"`{name}` {average}" in prose
 
 

@@ -56,6 +56,10 @@ class DisturbedInterface(WrappedInterface):
         """See `ErrorStream.events`."""
         return self._stream.events
 
+    def squeeze(self, slipping: Sequence[bool]) -> NDArray[np.float64]:
+        """See `ErrorStream.squeeze`."""
+        return self._stream.squeeze(slipping)
+
     def reset(self, mask: Tensor | None = None) -> None:
         """Begin a new episode in the rows of `mask`, or in all; without `begin`, errors are drawn on."""
         super().reset(mask)

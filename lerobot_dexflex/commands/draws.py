@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lerobot_dexflex.commands.families import ONSET, REMOVAL_STEPS, CommandError, CommandErrors
+from lerobot_dexflex.commands.human import HumanErrors
+from lerobot_dexflex.commands.levels import LEVELS
 
 Array = NDArray[np.float64]
 
 MIN_LOAD = 0.05
 """A finger that carries less is not removed [N]: the hand holds nothing."""
+LOST = "lost"
+"""Name of the event in which a person's tracker loses a finger."""
 
 
 class ErrorEvent(NamedTuple):
@@ -22,6 +26,7 @@ class ErrorEvent(NamedTuple):
     row: int
     """Of the batch."""
     family: str
+    """Of the table, or `LOST`."""
     onset: int
     """First control step, counted from the start of the episode."""
     end: int
@@ -84,21 +89,31 @@ class RowErrors:
 
     Args:
         errors: What goes wrong.
-        generators: Source of randomness of every error.
+        generators: Source of randomness of every error, then of the person if there is a level.
         row: Of the batch, for the log.
     """
 
     def __init__(
         self, errors: CommandErrors, generators: Sequence[np.random.Generator] = (), row: int = 0
     ) -> None:
-        self._errors, self._generators, self._row = errors, generators, row
+        count = len(errors.errors)
+        self._errors, self._generators, self._row = errors, generators[:count], row
+        self.human = HumanErrors(LEVELS[errors.level], generators[count]) if errors.level else None
         strengths = {error.family: error.strength for error in errors}
         self.factor = strengths.get("scale", 1.0)
         self.lag = int(strengths.get("delay", 0))
-        self.restart()
+        if self.human:
+            self.factor *= self.human.person.scale
+            self.lag += self.human.person.delay
+        self._begin()
 
     def restart(self) -> None:
-        """Begin another episode; the generators go on."""
+        """Begin another episode of the same person; the generators go on."""
+        if self.human:
+            self.human.restart()
+        self._begin()
+
+    def _begin(self) -> None:
         self.bias = np.zeros((4, 3))
         self.schedules: list[EventSchedule] = []
         self.drawn: list[Array] = []
@@ -117,6 +132,29 @@ class RowErrors:
         """Events until now; the end of one that is going on is the step after this one."""
         return [event._replace(end=min(event.end, self._step + 1)) for event in self._events]
 
+    @property
+    def in_event(self) -> bool:
+        """Whether an event is going on: removal, freeze, dropout, or a lost finger."""
+        lost = self.human is not None and self.human.finger is not None
+        return lost or any(schedule.active for schedule in self.schedules)
+
+    @property
+    def still(self) -> NDArray[np.bool_]:
+        """Fingers whose commands stand still in this step. Shape (4,)."""
+        struck = np.zeros(4, bool)
+        if self.human and self.human.finger is not None:
+            struck[self.human.finger] = True
+        for schedule in self.schedules:
+            if schedule.active and schedule.error.family in ("freeze", "dropout"):
+                struck[slice(None) if schedule.finger is None else schedule.finger] = True
+        return struck
+
+    def squeeze(self, slipping: bool) -> float:
+        """Return how hard to press before the errors, in units of what is needed; see `HumanErrors`."""
+        if not self.human:
+            return 1.0
+        return self.human.squeeze(slipping) / self.human.person.scale
+
     def advance(self, loads: Array, inward: Array) -> None:
         """Go on by a control step.
 
@@ -125,6 +163,9 @@ class RowErrors:
             inward: Contact normals into the object. Shape (4, 3).
         """
         self._step += 1
+        if self.human and self.human.advance():
+            end = self._step + self.human.left
+            self._events.append(ErrorEvent(self._row, LOST, self._step, end, self.human.finger))
         for schedule in self.schedules:
             if schedule.advance(loads, inward):
                 error, onset = schedule.error, self._step
@@ -144,7 +185,7 @@ class RowErrors:
         Args:
             ahead: Number of steps.
         """
-        total = np.tile(self.bias, (ahead, 1, 1))
+        total = np.tile(self.bias if self.human is None else self.bias + self.human.offset, (ahead, 1, 1))
         for error, rng in zip(self._errors, self._generators, strict=True):
             if error.family != "noise":
                 continue

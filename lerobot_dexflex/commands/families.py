@@ -10,6 +10,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from lerobot_dexflex.commands.levels import LEVELS
 from lerobot_dexflex.errors import DexFlexError
 
 REMOVAL_STEPS = 8
@@ -81,8 +82,10 @@ FAMILIES: dict[str, Family] = {
 CLEAN = "clean"
 """Name of no error."""
 _VALID = ", ".join(
-    f"{name}_<{f.suffix or ('steps' if f.whole else 'factor')}>" for name, f in FAMILIES.items()
+    [*(f"{name}_<{f.suffix or ('steps' if f.whole else 'factor')}>" for name, f in FAMILIES.items()), *LEVELS]
 )
+LEVEL_SALT = (17,)
+"""As `Family.salt`, of the person of a level."""
 
 
 @dataclass(frozen=True)
@@ -151,11 +154,13 @@ class CommandErrors:
     """Everything that goes wrong with a stream of commands; nothing by default.
 
     Raises:
-        DexFlexError: If a family comes twice.
+        DexFlexError: If a family comes twice, or there is no such level.
     """
 
     errors: tuple[CommandError, ...] = ()
     """In the order of the table, whatever order they are given in."""
+    level: str = ""
+    """Of the person who commands, of `LEVELS`; empty: none."""
 
     def __post_init__(self) -> None:
         order = list(FAMILIES)
@@ -163,6 +168,8 @@ class CommandErrors:
         if len({error.family for error in found}) < len(found):
             names = "+".join(error.name for error in self.errors)
             raise DexFlexError(f"{names!r} names a family twice; join errors of different families.")
+        if self.level and self.level not in LEVELS:
+            raise DexFlexError(f"Unknown level {self.level!r}. Valid: {', '.join(LEVELS)}.")
         object.__setattr__(self, "errors", found)
 
     @classmethod
@@ -172,19 +179,24 @@ class CommandErrors:
 
     @classmethod
     def parse(cls, name: str) -> Self:
-        """Return the errors with this name: `clean`, `noise_2mm`, `noise_4mm+removal_2mm`, ...
+        """Return the errors with this name: `clean`, `noise_2mm`, `noise_4mm+removal_2mm`, `typical`, ...
 
         Raises:
-            DexFlexError: If a part of it is no command error.
+            DexFlexError: If a part of it is no command error, or it names two levels.
         """
         if name == CLEAN:
             return cls()
-        return cls(tuple(CommandError.parse(word) for word in name.split("+")))
+        words = name.split("+")
+        levels = [word for word in words if word in LEVELS]
+        if len(levels) > 1:
+            raise DexFlexError(f"{name!r} names {' and '.join(levels)}; a person has one level.")
+        families = tuple(CommandError.parse(word) for word in words if word not in LEVELS)
+        return cls(families, "".join(levels))
 
     @property
     def name(self) -> str:
         """Name for tables; `parse` reads it."""
-        return "+".join(error.name for error in self.errors) or CLEAN
+        return "+".join([self.level] * bool(self.level) + [error.name for error in self.errors]) or CLEAN
 
     @property
     def families(self) -> tuple[str, ...]:
@@ -192,7 +204,7 @@ class CommandErrors:
         return tuple(error.family for error in self.errors)
 
     def __bool__(self) -> bool:
-        return bool(self.errors)
+        return bool(self.errors or self.level)
 
     def __iter__(self) -> Iterator[CommandError]:
         return iter(self.errors)

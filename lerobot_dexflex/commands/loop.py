@@ -8,7 +8,7 @@ step, and what the method changes, the operator notices.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.draws import ErrorEvent
 from lerobot_dexflex.commands.families import CommandErrors
+from lerobot_dexflex.commands.source import Source
 from lerobot_dexflex.commands.stream import ErrorStream, Seed, seeds_of
 from lerobot_dexflex.conventions import DRAFT_HORIZON, LEROBOT_KEYS
 from lerobot_dexflex.envs.reach import ReachEnv
@@ -28,16 +29,13 @@ from lerobot_dexflex.hand.poses import pose_error
 from lerobot_dexflex.interfaces.protocol import Interface
 
 Array = NDArray[np.float64]
-Source = Literal["motion", "pressing"]
-"""What a draft says. `motion`: where the fingertips should be. `pressing`: it commands into the object, by
-0.5 to 2 times (drawn per episode) what a position servo needs for the operator's grip."""
 
 GOAL_STEPS = 60
 """After so many steps the next goal is set, with partial credit for this one."""
 DROP_DISTANCE, DROP_STEPS = 0.08, 8
 """An object is dropped this far from the start [m] or after so many steps with fewer than two loaded tips."""
 PRESSING = (0.5, 2.0)
-"""Range of a pressing source's squeeze."""
+"""Range of a pressing source's squeeze, in units of what is needed; drawn per episode."""
 _FLOOR = 0.5
 """Error, in tolerances summed, that counts as arrived in the partial credit."""
 
@@ -74,7 +72,7 @@ class Episode:
     loads: Array = field(default_factory=lambda: np.zeros((0, 4)))
     """Normal force of each tip before the step [N]. Shape (T, 4)."""
     in_event: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    """Whether an event (removal, freeze, dropout) was going on. Shape (T,)."""
+    """Whether an event (removal, freeze, dropout, a lost finger) was going on. Shape (T,)."""
     events: list[ErrorEvent] = field(default_factory=list)
     """What went wrong now and then: family, onset, end, finger."""
     goal_error: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -293,7 +291,8 @@ def _squeeze(source: Source, chain: int, seed: int) -> float | None:
 def _seeds(errors: CommandErrors, chain: int, seed: int) -> list[Seed]:
     """Return the seeds of an episode's errors; that of the first is as old as the benchmark."""
     first = (chain, seed, 7)
-    return [first, *seeds_of(errors, first)[1:]][: len(errors.errors)]
+    found = seeds_of(errors, first)
+    return [first, *found[1:]] if found else []
 
 
 def stack_observations(observations: Sequence[Mapping[str, NDArray]]) -> dict[str, torch.Tensor]:

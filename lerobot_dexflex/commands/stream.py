@@ -9,7 +9,7 @@ from torch import Tensor
 
 from lerobot_dexflex.commands import effects
 from lerobot_dexflex.commands.draws import ErrorEvent, RowErrors
-from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
+from lerobot_dexflex.commands.families import LEVEL_SALT, NO_ERRORS, CommandErrors
 
 Seed = int | tuple[int, ...]
 """Of numpy's generators."""
@@ -39,7 +39,7 @@ class ErrorStream:
         Args:
             row: Of the batch.
             errors: What goes wrong.
-            seeds: Of every error's random numbers, or its generator.
+            seeds: Of every error's random numbers, or its generator; then the person's if there is a level.
         """
         self._rows[row] = RowErrors(errors, [np.random.default_rng(seed) for seed in seeds], row)
 
@@ -52,22 +52,24 @@ class ErrorStream:
 
     @property
     def in_event(self) -> NDArray[np.bool_]:
-        """Rows whose last command was one of an event (removal, freeze, dropout). Shape (batch,)."""
-        return np.array([any(schedule.active for schedule in row.schedules) for row in self._rows])
+        """Rows whose last command was one of an event; see `RowErrors.in_event`. Shape (batch,)."""
+        return np.array([row.in_event for row in self._rows])
 
     @property
     def events(self) -> list[ErrorEvent]:
         """What happened in the running episodes, row by row."""
         return [event for row in self._rows for event in row.events]
 
-    def fingers(self, *families: str) -> NDArray[np.bool_]:
-        """Return whom the running events of these families strike. Shape (batch, 4)."""
-        struck = np.zeros((len(self), 4), bool)
-        for k, row in enumerate(self._rows):
-            for schedule in row.schedules:
-                if schedule.active and schedule.error.family in families:
-                    struck[k, slice(None) if schedule.finger is None else schedule.finger] = True
-        return struck
+    def squeeze(self, slipping: Sequence[bool]) -> NDArray[np.float64]:
+        """Return how hard each row's person presses, in units of what is needed; 1 without a level.
+
+        The factor of a squeeze that is part of the draft, before the person's scale changes that; call it
+        once per step, before `delayed`.
+
+        Args:
+            slipping: Whether a row's object is seen to slip.
+        """
+        return np.array([row.squeeze(seen) for row, seen in zip(self._rows, slipping, strict=True)])
 
     def delayed(self, command: Tensor) -> Tensor:
         """Return each row's command as it was when the one that arrives now was given.
@@ -105,8 +107,9 @@ class ErrorStream:
         return self._removed(self._stopped(draft, tips), tips)
 
     def _stopped(self, draft: Tensor, tips: Tensor) -> Tensor:
-        """Return the draft of which frozen fingers stay where the last command before that wanted them."""
-        struck = torch.as_tensor(self.fingers("freeze", "dropout"), device=draft.device)[..., None]
+        """Return the draft of which still fingers stay where the last command before that wanted them."""
+        still = np.stack([row.still for row in self._rows])
+        struck = torch.as_tensor(still, device=draft.device)[..., None]
         wanted = tips + draft[:, 0]
         kept = tips if self._kept is None else self._kept
         self._kept = torch.where(struck, kept, wanted)
@@ -128,9 +131,10 @@ class ErrorStream:
 
 
 def seeds_of(errors: CommandErrors, seed: Seed) -> list[Seed]:
-    """Return the seeds of an episode's errors; a family's does not depend on which others there are."""
+    """Return the seeds of an episode's errors and person; none depends on what else goes wrong."""
     first = seed if isinstance(seed, tuple) else (seed,)
-    return [(*first, *error.row.salt) for error in errors]
+    salts = [error.row.salt for error in errors] + [LEVEL_SALT] * bool(errors.level)
+    return [(*first, *salt) for salt in salts]
 
 
 def _array(values: Tensor) -> NDArray[np.float64]:

@@ -25,16 +25,11 @@ from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_hand
 
-ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, -3 * np.pi / 2)
-"""Arm at the start [rad]: palm down, joint 7 wound back so that it can screw a full turn without regrasp."""
-HAND_OPEN = (
-    *(0.988, -0.570, 0.656, -0.019),
-    *(1.578, -0.597, -0.496, 0.349),
-    *(0.600, -0.300, 0.300, 0.300),
-    *(1.371, -0.075, 0.928, -1.276),
-)
-"""Open hand around the leg [rad]: pads 16 mm away from it, ring finger parked."""
+ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, np.pi / 2)
+"""Arm at the start [rad]: palm down."""
 
+LEAN = (-0.35, 0.35)
+"""Range of the rack's lean [rad]."""
 CATCH_RADIUS, CATCH_HEIGHT, CATCH_TILT = 0.0025, 0.003, np.radians(6)
 """How far off the thread catches the stud: beside [m], above [m], and askew [rad]."""
 
@@ -49,8 +44,10 @@ class LegEpisode:
     tip_friction: float
     rack: tuple[float, float, float]
     """Position x, y and yaw of the rack."""
-    leg_rotation: tuple[float, float, float]
-    """Rotation vector of the leg in its rack: yaw and a slight tilt."""
+    lean: float
+    """How far rack and leg lean, about the y axis of the rack."""
+    leg_yaw: float
+    """How the leg is turned in its rack."""
     socket: tuple[float, float, float]
     """Position x, y of the socket and yaw of the table top around it."""
     arm_noise: tuple[float, ...]
@@ -61,8 +58,8 @@ class AssembleTableEnv(HandEnv):
     """Screw the leg into the table top; see `HandEnv` for observations and actions.
 
     The thread catches a stud that stands in the socket (within 2.5 mm, 3 mm and 6 degrees); from then on the
-    leg sinks 4 mm per clockwise turn and cannot be pulled out. After one turn it is tight and the table top
-    lights.
+    leg sinks 4 mm per clockwise turn and cannot be pulled out. After 0.35 turns it is tight and the table
+    top lights; what was lit stays lit, also if the fingers turn it back on leaving.
     Success: lit, tilted by less than 5 degrees, and the hand has let go and moved away (no hand contact,
     fingertips more than 8 cm off the leg's centre), for half a second.
     Dropping the leg, or tilting it by more than 60 degrees, ends the episode.
@@ -72,14 +69,14 @@ class AssembleTableEnv(HandEnv):
     manipulated = "leg"
 
     def _sample_episode(self, rng: np.random.Generator) -> LegEpisode:
-        tilt, direction = rng.uniform(0, 0.03), rng.uniform(-np.pi, np.pi)
         return LegEpisode(
-            leg_radius=rng.uniform(0.0115, 0.0125),
-            mass=rng.uniform(0.04, 0.10),
-            tip_friction=rng.uniform(0.7, 1.2),
-            rack=(rng.uniform(0.39, 0.45), rng.uniform(-0.16, -0.08), rng.uniform(-0.4, 0.4)),
-            leg_rotation=(tilt * np.cos(direction), tilt * np.sin(direction), rng.uniform(-np.pi, np.pi)),
-            socket=(rng.uniform(0.50, 0.54), rng.uniform(0.07, 0.13), rng.uniform(-0.4, 0.4)),
+            leg_radius=rng.uniform(0.0115, 0.015),
+            mass=rng.uniform(0.03, 0.07),
+            tip_friction=rng.uniform(0.8, 1.2),
+            rack=(rng.uniform(0.405, 0.435), rng.uniform(-0.14, -0.10), rng.uniform(-0.15, 0.15)),
+            lean=rng.uniform(*LEAN),
+            leg_yaw=rng.uniform(-np.pi, np.pi),
+            socket=(rng.uniform(0.51, 0.53), rng.uniform(0.085, 0.115), rng.uniform(-0.4, 0.4)),
             arm_noise=tuple(rng.normal(scale=0.03, size=len(robot.ARM_JOINTS))),
         )
 
@@ -87,19 +84,19 @@ class AssembleTableEnv(HandEnv):
         spec, palm = robot_at_table(episode.tip_friction)
         add_camera(spec, "front", position=(0.98, -0.42, 0.38), target=(0.47, 0.0, 0.11), fovy=33)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
-        add_rack(spec, episode.rack, episode.leg_radius)
+        add_rack(spec, episode.rack, episode.lean, episode.leg_radius)
         add_table_top(spec, episode.socket)
         add_thread(spec, episode.socket[:2])
         add_leg(spec, episode.leg_radius, episode.mass)
         return spec
 
     def _initialise(self, episode: LegEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), HAND_OPEN)
-        yaw = rotation_matrix(np.array([0.0, 0.0, episode.leg_rotation[2]]))
-        tilt = rotation_matrix(np.array([*episode.leg_rotation[:2], 0.0]))
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        x, y, yaw = episode.rack
+        rack = _about_z(yaw) @ rotation_matrix(np.array([0.0, episode.lean, 0.0]))
         pose = self.data.joint("leg").qpos
-        pose[:3] = (*episode.rack[:2], RACK_FLOOR + STUD_LENGTH + 0.0005)
-        mujoco.mju_mat2Quat(pose[3:7], (tilt @ yaw).ravel())
+        pose[:3] = np.array([x, y, 0.0]) + (RACK_FLOOR + STUD_LENGTH + 0.0005) * rack[:, 2]
+        mujoco.mju_mat2Quat(pose[3:7], (rack @ _about_z(episode.leg_yaw)).ravel())
 
     @property
     def leg_pose(self) -> tuple[np.ndarray, np.ndarray]:
@@ -124,18 +121,19 @@ class AssembleTableEnv(HandEnv):
 
     @property
     def lit(self) -> bool:
-        """Whether the leg is tight, to 0.05 turns."""
-        return self.caught and self.turns > TURNS - 0.05
+        """Whether the leg has been tight, to 0.05 turns: what is tight stays lit."""
+        return self.memory.get("lit", False)
 
     def _update(self) -> dict[str, Any]:
         if not self.caught and self._stud_in_thread():
             self._catch_stud()
+        self.memory["lit"] = self.lit or (self.caught and self.turns > TURNS - 0.05)
         self.data.mocap_pos[self._mocap("lamp"), 2] = LAMP_HEIGHT if self.lit else -LAMP_HEIGHT
         touched = contact_names(self.model, self.data, "leg")
         position, rotation = self.leg_pose
         centre = position + rotation[:, 2] * LEG_LENGTH / 2
         by_hand = touched_by_hand(touched)
-        holding = pinched(touched, ("if", "mf"))
+        holding = pinched(touched)
         upright = rotation[2, 2] > np.cos(np.radians(5))
         away = np.linalg.norm(self.data.site_xpos[self._tips] - centre, axis=1).min() > 0.08
         released = self.lit and upright and away and not by_hand
@@ -170,3 +168,7 @@ class AssembleTableEnv(HandEnv):
         data.joint("thread_slide").qpos[:] = data.joint("thread_slide").qvel[:] = 0
         data.eq_active[self.model.equality("thread_catch").id] = 1
         mujoco.mj_forward(self.model, data)
+
+
+def _about_z(angle: float) -> np.ndarray:
+    return rotation_matrix(np.array([0.0, 0.0, angle]))

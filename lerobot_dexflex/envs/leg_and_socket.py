@@ -7,12 +7,13 @@ import numpy as np
 
 from lerobot_dexflex.envs.scene import ContactSurface, add_block
 from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hand.poses import quaternion_of, quaternion_product
 
 Pose2 = tuple[float, float, float]
 """Position x, y on the table [m] and yaw [rad]."""
 
 LEG_LENGTH, STUD_LENGTH, STUD_RADIUS = 0.12, 0.016, 0.0072
-PITCH, TURNS = 0.004, 1.0
+PITCH, TURNS = 0.004, 0.35
 """The thread: lead per turn [m], and turns until the leg is tight and the table top lights."""
 THREAD_ENTRY = 0.016
 """Height of the thread's first turn above the table [m]; socket and funnel rise 4 and 10 mm above it."""
@@ -24,11 +25,13 @@ RACK_FLOOR, _RACK_GAP = 0.004, 0.0015
 _BOARD_HALF_SIZE = (0.09, 0.07, 0.005)
 
 
-def add_rack(spec: mujoco.MjSpec, pose: Pose2, leg_radius: float) -> None:
-    """Add a floor and four walls in which the leg stands on its stud."""
+def add_rack(spec: mujoco.MjSpec, pose: Pose2, lean: float, leg_radius: float) -> None:
+    """Add a floor and four walls in which the leg stands on its stud, leaning about its y axis [rad]."""
     x, y, yaw = pose
     grey = (0.3, 0.3, 0.5, 1)
-    rack = spec.worldbody.add_body(name="rack", pos=(x, y, 0), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)))
+    turn = quaternion_of(np.array([0.0, 0.0, yaw]))
+    quaternion = quaternion_product(turn, quaternion_of(np.array([0.0, lean, 0.0])))
+    rack = spec.worldbody.add_body(name="rack", pos=(x, y, 0), quat=quaternion)
     add_block(rack, "rack_floor", (0.022, 0.022, RACK_FLOOR / 2), (0, 0, RACK_FLOOR / 2), grey)
     inside = leg_radius + _RACK_GAP
     for k in range(4):

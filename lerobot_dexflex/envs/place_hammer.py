@@ -21,23 +21,15 @@ from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_han
 
 ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
 """Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
-HAND_OPEN = (
-    *(1.307, 0.004, 0.397, -0.144),
-    *(1.307, -0.025, 0.394, -0.142),
-    *(1.312, -0.055, 0.382, -0.135),
-    *(1.755, 0.001, 0.355, -0.697),
-)
-"""Open hand in front of the handle [rad]: pads 18 mm away from it."""
-
 HANDLE_HALF_LENGTH = 0.08
 HEAD_HALF_SIZE = (0.016, 0.04, 0.016)
 HEAD_CENTRE = 0.095
 """Centre of the head along the handle axis, from the handle's centre [m]."""
 CRADLE_HEIGHT = 0.05
 """Height of the handle axis in the cradle above the table [m]: room for the fingertips below it."""
-_HANDLE_SHARE = 0.45
-"""Share of the mass in the handle: less, and the hand could not carry the torque of 300 g."""
-_PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.031, 0.010
+_HANDLE_SHARE = 0.6
+"""Share of the mass in the handle: less, and the hand could not carry the torque."""
+_PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.036, 0.010
 
 
 @dataclass(frozen=True)
@@ -71,12 +63,12 @@ class PlaceHammerEnv(HandEnv):
 
     def _sample_episode(self, rng: np.random.Generator) -> HammerEpisode:
         return HammerEpisode(
-            handle_radius=rng.uniform(0.012, 0.014),
-            mass=rng.uniform(0.10, 0.30),
-            tip_friction=rng.uniform(0.7, 1.2),
-            cradle=(rng.uniform(0.42, 0.48), rng.uniform(-0.04, 0.04), rng.uniform(-0.4, 0.4)),
+            handle_radius=rng.uniform(0.010, 0.015),
+            mass=rng.uniform(0.06, 0.16),
+            tip_friction=rng.uniform(0.8, 1.2),
+            cradle=(rng.uniform(0.43, 0.47), rng.uniform(-0.025, 0.025), rng.uniform(-0.4, 0.4)),
             hammer_yaw=rng.normal(scale=0.02),
-            holder=(rng.uniform(0.70, 0.73), rng.uniform(-0.04, 0.04), rng.uniform(0.30, 0.34)),
+            holder=(rng.uniform(0.705, 0.725), rng.uniform(-0.02, 0.02), rng.uniform(0.31, 0.33)),
             arm_noise=tuple(rng.normal(scale=0.03, size=len(robot.ARM_JOINTS))),
         )
 
@@ -90,7 +82,7 @@ class PlaceHammerEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: HammerEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), HAND_OPEN)
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
         yaw = episode.cradle[2] + episode.hammer_yaw
         handle = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         rotation = np.stack([np.array([0.0, 0.0, 1.0]), np.cross(handle, [0.0, 0.0, 1.0]), handle], 1)

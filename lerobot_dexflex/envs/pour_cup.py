@@ -22,17 +22,9 @@ from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_han
 
 ARM_START = (0.278, 0.134, 0.160, 0.248, 3.662, 1.481, -1.647)
 """Arm at the start of an episode [rad]: the flange points forward, the hand is behind the handle."""
-HAND_OPEN = (
-    *(1.376, -0.042, 0.230, 0.013),
-    *(1.376, -0.047, 0.229, 0.014),
-    *(1.376, -0.051, 0.229, 0.013),
-    *(1.929, -0.028, 0.235, -0.862),
-)
-"""Open hand around the handle [rad]: pads 28 mm away from it."""
-
 PITCHER_RADIUS, PITCHER_HEIGHT = 0.040, 0.160
 """Inner radius and height of the pitcher [m]; its frame: origin at the bottom, z up, x to the handle."""
-HANDLE_HALF_SIZE = (0.008, 0.010, 0.067)
+HANDLE_HALF_DEPTH, HANDLE_HALF_HEIGHT = 0.008, 0.067
 HANDLE_CENTRE = (0.087, 0.0, 0.083)
 """Centre of the handle's bar in the pitcher's frame [m]: room for the fingertips between it and the wall."""
 BOWL_RADIUS, BOWL_HEIGHT = 0.075, 0.055
@@ -63,6 +55,7 @@ class PourEpisode:
     """Mass of each ball [kg]."""
     ball_turn: float
     """Where the first layer of balls starts around the pitcher's axis."""
+    handle_half_width: float
     tip_friction: float
     pitcher: tuple[float, float, float]
     """Position x, y and yaw of the pitcher: the handle points to the robot at yaw 0."""
@@ -86,13 +79,14 @@ class PourCupEnv(HandEnv):
 
     def _sample_episode(self, rng: np.random.Generator) -> PourEpisode:
         return PourEpisode(
-            mass=rng.uniform(0.08, 0.15),
+            mass=rng.uniform(0.05, 0.10),
             balls=int(rng.integers(12, 17)),
             ball_mass=rng.uniform(0.001, 0.002),
             ball_turn=rng.uniform(-np.pi, np.pi),
-            tip_friction=rng.uniform(0.7, 1.2),
-            pitcher=(rng.uniform(0.60, 0.66), rng.uniform(0.02, 0.10), rng.uniform(-0.4, 0.4)),
-            bowl=(rng.uniform(0.33, 0.37), rng.uniform(-0.235, -0.175)),
+            handle_half_width=rng.uniform(0.008, 0.013),
+            tip_friction=rng.uniform(0.8, 1.2),
+            pitcher=(rng.uniform(0.615, 0.645), rng.uniform(0.04, 0.08), rng.uniform(-0.4, 0.4)),
+            bowl=(rng.uniform(0.34, 0.36), rng.uniform(-0.22, -0.19)),
             arm_noise=tuple(rng.normal(scale=0.03, size=len(robot.ARM_JOINTS))),
         )
 
@@ -101,14 +95,14 @@ class PourCupEnv(HandEnv):
         add_camera(spec, "front", position=(1.15, -0.15, 0.50), target=(0.47, -0.08, 0.15), fovy=38)
         add_wrist_camera(palm, position=(-0.05, 0.10, 0.02), target=(-0.05, -0.02, -0.17), fovy=75)
         _add_bowl(spec, episode.bowl)
-        _add_pitcher(spec, episode.mass)
+        _add_pitcher(spec, episode.mass, episode.handle_half_width)
         for k in range(episode.balls):
             _add_ball(spec, f"ball{k}", episode.ball_mass)
         return spec
 
     def _initialise(self, episode: PourEpisode) -> None:
         data = self.data
-        place_robot(data, np.add(ARM_START, episode.arm_noise), HAND_OPEN)
+        place_robot(data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
         x, y, yaw = episode.pitcher
         half = (yaw + np.pi) / 2
         data.joint("pitcher").qpos = (x, y, 0.0005, np.cos(half), 0, 0, np.sin(half))
@@ -193,7 +187,7 @@ def _add_bowl(spec: mujoco.MjSpec, position: tuple[float, float]) -> None:
     _add_disc(bowl, "bowl_bottom", foot + 0.004, yellow)
 
 
-def _add_pitcher(spec: mujoco.MjSpec, mass: float) -> None:
+def _add_pitcher(spec: mujoco.MjSpec, mass: float, handle_half_width: float) -> None:
     """Add a round of walls, a bottom, and a straight bar on two struts as its handle."""
     body = spec.worldbody.add_body(name="pitcher")
     body.add_freejoint(name="pitcher")
@@ -208,11 +202,12 @@ def _add_pitcher(spec: mujoco.MjSpec, mass: float) -> None:
         wall.quat = (np.cos(angle / 2), 0, 0, np.sin(angle / 2))
         parts.append(wall)
     parts.append(_add_disc(body, "pitcher_bottom", PITCHER_RADIUS + _WALL, dark))
-    handle = [add_block(body, "pitcher_handle", HANDLE_HALF_SIZE, HANDLE_CENTRE, dark)]
+    half_size = (HANDLE_HALF_DEPTH, handle_half_width, HANDLE_HALF_HEIGHT)
+    handle = [add_block(body, "pitcher_handle", half_size, HANDLE_CENTRE, dark)]
     x, _, z = HANDLE_CENTRE
-    start, end = PITCHER_RADIUS + _WALL, x + HANDLE_HALF_SIZE[0]
+    start, end = PITCHER_RADIUS + _WALL, x + HANDLE_HALF_DEPTH
     for side in (-1, 1):
-        place = ((start + end) / 2, 0, z + side * (HANDLE_HALF_SIZE[2] + 0.004))
+        place = ((start + end) / 2, 0, z + side * (HANDLE_HALF_HEIGHT + 0.004))
         handle.append(add_block(body, f"pitcher_strut{side}", ((end - start) / 2, 0.006, 0.004), place, dark))
     for geoms, share in ((parts, 1 - _HANDLE_SHARE), (handle, _HANDLE_SHARE)):
         for geom in geoms:

@@ -30,7 +30,7 @@ class TaskInfo(NamedTuple):
 TASKS = {
     "AssembleTable-v0": TaskInfo(
         "lerobot_dexflex.envs.assemble_table:AssembleTableEnv",
-        320,
+        500,
         "Screw the leg into the table top until it lights up.",
         23,
         ("held", "lifted", "over the socket", "in the thread", "lit", "let go"),
@@ -44,7 +44,7 @@ TASKS = {
     ),
     "PourCup-v0": TaskInfo(
         "lerobot_dexflex.envs.pour_cup:PourCupEnv",
-        320,
+        400,
         "Pour the balls into the bowl and put the pitcher down.",
         23,
         ("held", "lifted", "over the bowl", "poured", "set down", "let go"),

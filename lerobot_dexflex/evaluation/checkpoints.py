@@ -7,17 +7,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.plan_parts import OLD_LAYOUT, executed_part
 from lerobot_dexflex.evaluation.policy_files import check_policy_files, missing_files
 from lerobot_dexflex.interfaces.method import Method
-from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 _PLUGIN = "lerobot_policy_dexflex"
 _ADAPTER = "dexflex_adapter"
-UNTOLD_DRAFT = (
-    "This checkpoint learned drafts, but does not tell of which fingertips: it is from before there was a "
-    'choice, and learned commanded ones. Write `"draft": "commanded"` into its config.json, or add '
-    "--policy.draft=commanded to a command of LeRobot."
-)
 
 
 class LoadedPolicy(NamedTuple):
@@ -28,29 +23,35 @@ class LoadedPolicy(NamedTuple):
     postprocess: Any
 
 
-def check_checkpoint(folder: Path, space: CommandSpace) -> None:
-    """Refuse a folder that is no checkpoint of this action space; reads its configuration only.
+def check_checkpoint(folder: Path, method: Method, draft: str = "") -> str:
+    """Refuse a folder that is no checkpoint for this interface; reads its configuration only.
+
+    Args:
+        folder: Folder `pretrained_model`.
+        method: The interface.
+        draft: Which fingertips it executes if it reads drafts; empty leaves it to the checkpoint.
+
+    Returns:
+        The part of the checkpoint's plans that the interface executes.
 
     Raises:
-        DexFlexError: Says how to train what is missing, or what an old checkpoint has to say.
+        DexFlexError: Says how to train what is missing.
     """
-    interface = {"joint": "joint", "draft": "raw"}[space]
     remedy = (
-        f"Give --{space}_policy=<run>/checkpoints/last/pretrained_model, or train one: lerobot-train "
-        f"--policy.type=dexflex_flow --policy.interface={interface} --policy.push_to_hub=false "
-        "--dataset.repo_id=lerobot-dexflex/place_hammer --dataset.root=datasets/place_hammer "
-        f"--output_dir=outputs/train/{space}"
+        "Give --policy=<run>/checkpoints/last/pretrained_model, or train one: lerobot-train "
+        "--config_path=configs/policy/place_hammer.yaml, or that of its task."
     )
     if missing := missing_files(folder):
-        raise DexFlexError(f"No {space} checkpoint at {folder}: {', '.join(missing)} not found. {remedy}")
+        raise DexFlexError(f"No checkpoint at {folder}: {', '.join(missing)} not found. {remedy}")
     config = _config(folder)
-    if config.get("action_space") != space:
+    if config.get("type") != "dexflex_flow":
         raise DexFlexError(
-            f"The checkpoint {folder} ({config.get('type')}) learned the action space "
-            f"{config.get('action_space')!r}, but this interface executes {space!r}. {remedy}"
+            f"The checkpoint {folder} is a policy of the type {config.get('type')!r}, not 'dexflex_flow'. "
+            f"Give it as --backbone={folder}, or another: {remedy}"
         )
-    if space == "draft" and not config.get("draft"):
-        raise DexFlexError(f"{folder / 'config.json'}: {UNTOLD_DRAFT}")
+    if "learns" not in config:
+        raise DexFlexError(f"{folder / 'config.json'}: {OLD_LAYOUT}")
+    return executed_part(config["learns"], method, draft or str(config.get("draft", "")))
 
 
 def check_backbone(folder: Path) -> None:
@@ -88,7 +89,9 @@ def adapter_modules() -> tuple[str, ...]:
     return _modules(_ADAPTER)
 
 
-def load_checkpoint(checkpoint: Path, method: Method, device: str, controller: str = "") -> LoadedPolicy:
+def load_checkpoint(
+    checkpoint: Path, method: Method, device: str, controller: str = "", draft: str = ""
+) -> LoadedPolicy:
     """Load a policy of our own.
 
     Args:
@@ -96,6 +99,7 @@ def load_checkpoint(checkpoint: Path, method: Method, device: str, controller: s
         method: Overrides the checkpoint's interface.
         device: Torch device.
         controller: Overrides the checkpoint's controller; empty is the shipped one.
+        draft: Overrides which fingertips interfaces that read drafts execute; empty leaves it as it is.
     """
     # LeRobot takes seconds to import; only workers pay.
     from draccus.utils import DraccusException
@@ -103,9 +107,11 @@ def load_checkpoint(checkpoint: Path, method: Method, device: str, controller: s
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
     from lerobot.utils.import_utils import register_third_party_plugins
 
-    check_policy_files(checkpoint)
+    check_checkpoint(checkpoint, method, draft)
     register_third_party_plugins()
     overrides = [f"--interface={method.name}", f"--device={device}"]
+    if draft:
+        overrides.append(f"--draft={draft}")
     if method.learned:
         overrides.append(f"--controller={method.weights(controller)[0].parent}")
     try:

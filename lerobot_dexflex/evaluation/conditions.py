@@ -1,9 +1,11 @@
 """Conditions of comparisons by name: what goes wrong with commands and world, who commands, which goals."""
 
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Self
 
 from lerobot_dexflex.commands.families import FAMILIES, NO_ERRORS, CommandErrors
+from lerobot_dexflex.commands.levels import LEVELS
+from lerobot_dexflex.commands.source import Source
 from lerobot_dexflex.envs.disturbance import DISTURBANCES
 from lerobot_dexflex.errors import DexFlexError
 
@@ -21,8 +23,8 @@ class Condition:
     """What goes wrong with commands."""
     disturbance: str = "none"
     """A name of `envs.disturbance.DISTURBANCES`: what differs in the world."""
-    source: Literal["motion", "pressing"] = "motion"
-    """What drafts say (in-hand benchmark); see `commands.loop.Source`."""
+    source: Source = "motion"
+    """What drafts say (in-hand benchmark)."""
     verified: bool = False
     """Whether the operator was seen to reach the goals (in-hand benchmark)."""
 
@@ -36,8 +38,11 @@ class Condition:
         words = [word for word in name.split("+") if word != CLEAN]
         disturbances = [word for word in words if word in DISTURBANCES]
         errors = [word for word in words if word not in (*DISTURBANCES, *IN_HAND)]
-        if strangers := [word for word in errors if word.partition("_")[0] not in FAMILIES]:
-            known = (CLEAN, *DISTURBANCES, *IN_HAND, *(f"{family}_<strength>" for family in FAMILIES))
+        if strangers := [
+            word for word in errors if word not in LEVELS and word.partition("_")[0] not in FAMILIES
+        ]:
+            families = (f"{family}_<strength>" for family in FAMILIES)
+            known = (CLEAN, *DISTURBANCES, *IN_HAND, *LEVELS, *families)
             raise DexFlexError(
                 f"Unknown word {strangers[0]!r} in the condition {name!r}. Valid, joined by `+`: "
                 f"{', '.join(known)}."

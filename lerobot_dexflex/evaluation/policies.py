@@ -32,12 +32,13 @@ from lerobot_dexflex.runs.provenance import Version, method_version
 
 @dataclass(frozen=True)
 class LeRobotPolicies:
-    """One checkpoint per action space, shared by its methods, unless they have their own."""
+    """One checkpoint for all methods, which execute their parts of its plans, unless they have their own."""
 
-    joint: Path
-    """Folder `pretrained_model` of the policy that learned joint targets."""
-    draft: Path
-    """Folder `pretrained_model` of the policy that learned fingertips, measured or commanded ones."""
+    policy: Path
+    """Folder `pretrained_model`."""
+    draft: str = ""
+    """Which fingertips interfaces that read drafts execute: `measured` or `commanded`; empty leaves it to the
+    checkpoint."""
     device: str = "cpu"
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
@@ -45,16 +46,14 @@ class LeRobotPolicies:
     """Methods with a checkpoint of their own, e.g. trained on demonstrations recorded through them."""
 
     def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "LeRobotController":
-        """Load the checkpoint that fits the method, with what goes wrong with its plans."""
+        """Put the method's interface under its checkpoint, with what goes wrong with its plans."""
         parsed = Method.parse(method)
-        loaded = load_checkpoint(self.checkpoint(method), parsed, self.device, self.controller)
+        loaded = load_checkpoint(self.checkpoint(method), parsed, self.device, self.controller, self.draft)
         return LeRobotController(loaded, errors)
 
     def checkpoint(self, method: str) -> Path:
         """Return the checkpoint folder of a method."""
-        parsed = Method.parse(method)
-        shared = self.joint if parsed.command_space == "joint" else self.draft
-        return self._own.get(parsed.name, shared)
+        return self._own.get(Method.parse(method).name, self.policy)
 
     @property
     def _own(self) -> dict[str, Path]:
@@ -64,8 +63,8 @@ class LeRobotPolicies:
         """Refuse what cannot run, before anything does.
 
         Raises:
-            DexFlexError: If a checkpoint or controller is missing, a checkpoint learned another action space,
-                or one is given for a method that is not compared.
+            DexFlexError: If a checkpoint or controller is missing, a checkpoint did not learn what its method
+                executes, or one is given for a method that is not compared.
         """
         compared = {Method.parse(name).name for name in methods}
         if strangers := [name for name in self._own if name not in compared]:
@@ -73,7 +72,7 @@ class LeRobotPolicies:
                 f"A checkpoint is given for {', '.join(strangers)}, but compared are {', '.join(methods)}."
             )
         for name in methods:
-            check_checkpoint(self.checkpoint(name), Method.parse(name).command_space)
+            check_checkpoint(self.checkpoint(name), Method.parse(name), self.draft)
             Method.parse(name).weights(self.controller)
 
     def version(self, method: str, task: str, **settings: Any) -> Version:
@@ -88,9 +87,11 @@ class LeRobotPolicies:
             DexFlexError: If its checkpoint or controller is missing or does not fit.
         """
         folder = self.checkpoint(method)
-        check_checkpoint(folder, Method.parse(method).command_space)
+        part = check_checkpoint(folder, Method.parse(method), self.draft)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *policy_modules(folder))
-        return _version(method, modules, folder, self.controller, device=self.device, **settings)
+        return _version(
+            method, modules, folder, self.controller, device=self.device, executes=part, **settings
+        )
 
 
 @dataclass(frozen=True)
@@ -174,6 +175,6 @@ class LeRobotController:
         """Draw a chunk of noise per episode in every step, so that step k sees the same in all interfaces."""
         if self._policy.name != "dexflex_flow":
             return {}
-        shape = (self._policy.config.chunk_size, len(self._policy.normalization.columns))
+        shape = (self._policy.config.chunk_size, self._policy.plan.size)
         noise = torch.stack([torch.randn(shape, generator=g) for g in self._generators])
         return {"noise": noise.to(self._policy.config.device)}

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.runs.letters import compact_letters
 from lerobot_dexflex.runs.statistics import (
+    SIGNIFICANT,
     Mean,
     Rate,
     holm,
@@ -21,8 +23,8 @@ from lerobot_dexflex.runs.statistics import (
 )
 
 AVERAGE = "average"
-_EPISODE = ["task", "condition", "seed"]
-"""What the same episode has in common under every method."""
+_EPISODE = ["task", "condition", "seed", "training"]
+"""What the same episode has in common under every method; `training` where rows of several are pooled."""
 
 
 class PairTest(NamedTuple):
@@ -58,7 +60,8 @@ class Summary:
 
     def of(self, method: str) -> pd.DataFrame:
         """Return the episodes of a method, in the order of tasks, conditions and seeds."""
-        return self.rows.loc[self.rows["method"] == method].sort_values(by=_EPISODE, kind="stable")
+        episodes = self.rows.loc[self.rows["method"] == method]
+        return episodes.sort_values(by=_keys(episodes), kind="stable")
 
     def mean(self, method: str, metric: str) -> Mean | None:
         """Return the mean of a column over the episodes of a method for which it is known.
@@ -72,8 +75,29 @@ class Summary:
 
     def progress_gain(self, test: PairTest) -> Mean | None:
         """Return the mean of second - first over the episodes that both have run."""
-        pair = _paired(self.of(test.first), self.of(test.second))
+        pair = self.pairs(test)
         return mean_interval((pair["progress_second"] - pair["progress_first"]).tolist())
+
+    def pairs(self, test: PairTest) -> pd.DataFrame:
+        """Return the episodes of a test, a row each, with columns `..._first` and `..._second`."""
+        return _paired(self.of(test.first), self.of(test.second))
+
+    @property
+    def letters(self) -> dict[str, str]:
+        """Letters of every method, `a` for the most successful; who shares one does not differ significantly.
+
+        Empty if there is one method, or a pair that shares no episode and thus was not tested.
+        """
+        n = len(self.methods)
+        if n < 2 or len(self.tests) < n * (n - 1) // 2:
+            return {}
+        ranked = sorted(self.methods, key=lambda name: -self._average(name))
+        differing = [(t.first, t.second) for t in self.tests if t.p_value_holm < SIGNIFICANT]
+        return compact_letters(ranked, differing)
+
+    def _average(self, method: str) -> float:
+        found = [r.pc_success for (m, column), r in self.rates.items() if m == method and column != AVERAGE]
+        return sum(found) / len(found)
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -141,8 +165,11 @@ def _pooled(rates: Sequence[Rate | None]) -> Rate | None:
 
 
 def _paired(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
-    """Return the episodes that both have run, a row each, with columns `..._first` and `..._second`."""
-    return first.merge(second, on=_EPISODE, suffixes=("_first", "_second"))
+    return first.merge(second, on=_keys(first), suffixes=("_first", "_second"))
+
+
+def _keys(rows: pd.DataFrame) -> list[str]:
+    return [name for name in _EPISODE if name in rows]
 
 
 def _tests(rows: pd.DataFrame, methods: Sequence[str], grew: frozenset[str]) -> tuple[PairTest, ...]:

@@ -1,4 +1,4 @@
-"""The tasks' scripted experts as teleoperators: players whose fingertips pass through a glove."""
+"""The tasks' operators as teleoperators: players whose commands pass through a glove."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.commands.glove import GlovedHand
+from lerobot_dexflex.commands.source import Source
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.evaluation import rollout
 from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.experts import expert_module, make_expert
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.interfaces.method import make_interface, require_drafts
+from lerobot_dexflex.interfaces.method import Method, make_interface
 from lerobot_dexflex.runs.provenance import Version, method_version
 
 _OWN = 2
@@ -25,32 +26,38 @@ _OWN = 2
 
 @dataclass(frozen=True)
 class Teleoperators:
-    """A task's scripted expert, whose commanded fingertips pass through a glove and an interface."""
+    """A task's privileged operator, whose commands pass through a glove and an interface; see `GlovedHand`.
+
+    `joint` executes the expert's own joints, bit for bit if nothing goes wrong; others read its drafts.
+    """
 
     task: str
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
+    source: Source = "motion"
+    """What drafts say."""
 
     def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "TeleoperatorController":
-        """Let the teleoperator work through a method, with the errors of its glove and tracker."""
+        """Let the teleoperator work through a method, with the errors of its glove and the person in it."""
         return TeleoperatorController(self, method, errors)
 
     def check(self, methods: Sequence[str]) -> None:
         """Refuse what cannot run, before anything does.
 
         Raises:
-            DexFlexError: If the task has no expert, or a method does not read drafts or lacks a controller.
+            DexFlexError: If the task has no expert, or a method is none or lacks a controller.
         """
         make_expert(self.task)
         for name in methods:
-            require_drafts(name).weights(self.controller)
+            Method.parse(name).weights(self.controller)
 
     def version(self, method: str, task: str, **settings: Any) -> Version:
         """Return what decides a method's episodes; see `LeRobotPolicies.version`."""
-        parsed = require_drafts(method)
+        parsed = Method.parse(method)
         own = (rollout.__name__, type(self).__module__, TASKS[task].module, expert_module(self.task))
         weights = parsed.weights(self.controller)
-        return method_version((*own, *parsed.modules), weights, method=parsed.name, **settings)
+        source = {} if parsed.command_space == "joint" else {"source": self.source}
+        return method_version((*own, *parsed.modules), weights, method=parsed.name, **source, **settings)
 
 
 class TeleoperatorController:
@@ -58,8 +65,8 @@ class TeleoperatorController:
 
     Args:
         teleoperators: Task and controller.
-        method: What executes the commanded fingertips.
-        errors: Of glove and tracker.
+        method: What executes the commands.
+        errors: Of the glove and the person in it.
     """
 
     def __init__(self, teleoperators: Teleoperators, method: str, errors: CommandErrors) -> None:
@@ -87,10 +94,10 @@ class TeleoperatorController:
 
     def see(self, environments: Sequence[gymnasium.Env]) -> None:
         """Look at the episodes that have just been reset; called once per episode, before the first step."""
-        expert = make_expert(self._teleoperators.task)
+        expert, source = make_expert(self._teleoperators.task), self._teleoperators.source
         for row, (env, seed) in enumerate(zip(environments, self._seeds, strict=True)):
             self._commands.append(expert(env.unwrapped, np.random.default_rng((seed, _OWN))))
-            self._hands.append(GlovedHand(self._observers[row], self._errors, seed))
+            self._hands.append(GlovedHand(self._observers[row], self._errors, seed, source))
 
     def act(self, observation: Mapping[str, Any], task: str) -> NDArray[np.floating]:
         """Return joint targets [rad], shape (batch, 23); an expert that is done keeps its last command."""

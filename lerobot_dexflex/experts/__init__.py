@@ -1,4 +1,4 @@
-"""Scripted, privileged experts that demonstrate the tasks."""
+"""Privileged experts that demonstrate the tasks: a script for the arm, a reactive operator in the hand."""
 
 from importlib import import_module
 

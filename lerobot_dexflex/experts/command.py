@@ -1,4 +1,4 @@
-"""What a scripted expert says at each control step, and how it turns fingertip targets into joints."""
+"""What an expert says at each control step, and the pieces of its motion that every expert needs."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple, Protocol
@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
+from lerobot_dexflex.hand.kinematics import fingertips
 
 Array = NDArray[np.float64]
 
@@ -17,10 +17,15 @@ class Command(NamedTuple):
 
     joint_targets: Array
     """What a student should do: absolute joint targets [rad]. Shape (23,)."""
-    fingertips: Array
-    """The commanded fingertips behind the hand's joint targets, palm frame [m]. Shape (4, 3)."""
     executed: Array
     """What the expert did: `joint_targets` plus its natural unsteadiness [rad]. Shape (23,)."""
+    draft: Array
+    """Where the fingertips should get to in 1, 2, ... 8 control steps, palm frame [m]. Shape (8, 4, 3).
+
+    Motion only: where a finger presses, `joint_targets` lead it deeper.
+    """
+    slipping: bool = False
+    """Whether the expert sees that a finger has lost the object."""
 
 
 class Expert(Protocol):
@@ -29,29 +34,6 @@ class Expert(Protocol):
     def __call__(self, env: Any, rng: np.random.Generator) -> Iterator[Command]:
         """Yield the commands of the episode that `env` (unwrapped) has just been reset to."""
         ...
-
-
-class FingertipExecutor:
-    """Turn commanded fingertips into hand joints, each posture tied to the previous one.
-
-    The same law as the `raw` interface: replaying the commanded fingertips gives the same joints.
-
-    Args:
-        hand_joints: Joint command at the start [rad]. Shape (16,).
-    """
-
-    def __init__(self, hand_joints: Array) -> None:
-        self._joints = torch.as_tensor(np.asarray(hand_joints, float)).view(1, 16)
-
-    @property
-    def joints(self) -> Array:
-        """The last joint command [rad]. Shape (16,)."""
-        return self._joints[0].numpy().copy()
-
-    def step(self, targets: Array) -> Array:
-        """Return the joint command [rad] (16,) for fingertip targets in the palm frame [m] (4, 3)."""
-        self._joints = solve_fingertips(torch.as_tensor(targets).view(1, 4, 3), self._joints)
-        return self.joints
 
 
 def fingertips_of(hand_joints: ArrayLike) -> Array:

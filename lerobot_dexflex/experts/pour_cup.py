@@ -1,4 +1,4 @@
-"""Demonstrate PourCup: three fingers against the thumb on the bar, tilt about the lip, set down, let go."""
+"""Demonstrate PourCup: grip the bar, tip the pitcher with arm and fingers, set it down, let go."""
 
 from collections.abc import Iterator
 
@@ -6,18 +6,23 @@ import numpy as np
 
 from lerobot_dexflex.envs.pour_cup import (
     BOWL_HEIGHT,
-    HAND_OPEN,
     HANDLE_CENTRE,
+    HANDLE_HALF_DEPTH,
+    HANDLE_HALF_HEIGHT,
     PITCHER_HEIGHT,
     PITCHER_RADIUS,
     PourCupEnv,
 )
-from lerobot_dexflex.experts.command import Array, Command, fingertips_of
-from lerobot_dexflex.experts.script import Pose, Script
+from lerobot_dexflex.experts.command import Array, Command
+from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
+from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.script import Pose, Script
+from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.arm import rotation_matrix
+from lerobot_dexflex.hand.objects import ObjectSpec
 
 GRASP_CENTRE = np.array([-0.0495, -0.0335, -0.1372])
-"""Point inside the bar between the four pads, palm frame [m]; the bar runs along palm y."""
+"""Point inside the bar between the pads, palm frame [m]; the bar runs along palm y."""
 GRASP_TURN = 0.081
 """Turn of the palm about the bar at which the pads lie flat [rad]."""
 PALM_IN_PITCHER = np.array(
@@ -28,20 +33,27 @@ PALM_IN_PITCHER = np.array(
     ]
 )
 """Orientation of the palm in the pitcher's frame: palm y up, the flange pointing at the pitcher."""
-HAND_TOUCH = (
-    *(1.658, -0.040, 0.283, -0.286),
-    *(1.656, -0.045, 0.285, -0.286),
-    *(1.657, -0.049, 0.284, -0.286),
-    *(1.929, -0.027, 0.326, -0.399),
+HAND_TOUCH = np.array(
+    (
+        *(1.658, -0.040, 0.283, -0.286),
+        *(1.656, -0.045, 0.285, -0.286),
+        *(1.657, -0.049, 0.284, -0.286),
+        *(1.929, -0.027, 0.326, -0.399),
+    )
 )
-"""All four pads flat on a bar of 20 mm width [rad] (least squares of pad poses)."""
-HAND_SQUEEZE = (
-    *(1.739, -0.040, 0.329, -0.263),
-    *(1.737, -0.045, 0.331, -0.263),
-    *(1.738, -0.049, 0.330, -0.263),
-    *(1.923, -0.027, 0.498, -0.310),
-)
-"""Servos asked for 2 N per finger and 5.8 N of the thumb [rad]: the thumb must balance three fingers."""
+"""All four pads flat on a bar of 20 mm width [rad]: where the search for a grip begins."""
+HAND_IDLE = np.array((0.3, 0.0, 0.3, 0.3) * 3 + (1.6, 0.2, 0.8, -0.2))
+"""Fingers that take no part are stretched out [rad]."""
+ALONG = np.array([0.045, 0.0, -0.045, -0.010])
+"""Where the pads are along the bar, from the middle finger toward the index [m]."""
+ROOM = 0.024
+"""How far from the bar the open pads are [m]."""
+FOUR_FINGERS = 0.6
+"""How often the middle finger takes part."""
+LEAN = (-0.2, -0.4)
+"""How far the palm leans against the bar when it grips [rad], and more of it per turn of the pitcher."""
+TIPPED = 0.35
+"""How far the fingers tip the pitcher in the hand while the arm pours [rad]."""
 ARM_FORWARD = (0.0, 0.56, 0.05, 0.63, 3.2, 1.5, -1.6)
 """Seed with the flange pointing forward [rad]."""
 ARM_TILTED = (-0.6, -0.5, 0.05, 0.65, 3.2, -0.75, -1.6)
@@ -65,44 +77,70 @@ def demonstrate(env: PourCupEnv, rng: np.random.Generator) -> Iterator[Command]:
     Privileged: reads the true poses of pitcher and bowl. The caller executes `Command.executed` before it
     asks for the next command.
     """
-    script = Script(env, rng, GRASP_CENTRE)
-    tips_open, tips_touch, tips_squeeze = map(fingertips_of, (HAND_OPEN, HAND_TOUCH, HAND_SQUEEZE))
+    episode = env.episode
+    half_size = (HANDLE_HALF_DEPTH, episode.handle_half_width, HANDLE_HALF_HEIGHT)
+    shape, centre = ObjectSpec("box", half_size, episode.mass), np.array(HANDLE_CENTRE)
+    senses = ToolSenses(env, Tool("pitcher", shape, centre, episode.tip_friction))
+    senses.mass += episode.balls * episode.ball_mass
+    hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
+    script = Script(env, hand, rng, GRASP_CENTRE)
+    fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 2, 3)
+    lean = rotation_matrix(np.array([LEAN[0] + LEAN[1] * episode.pitcher[2], 0.0, 0.0]))
+    grip = _grip(lean.T[:, 1], episode.handle_half_width, fingers)
     position, rotation = env.pitcher_pose
-    offset = np.array([0.0, 0.0, rng.uniform(*GRASP_RANGE)])
-    grasp_point = position + rotation @ (np.array(HANDLE_CENTRE) + offset)
-    grasp_rotation = rotation @ PALM_IN_PITCHER
+    grasp_point, grasp_rotation = position + rotation @ centre, rotation @ PALM_IN_PITCHER @ lean
+    upright = Pose(GRASP_CENTRE - PALM_IN_PITCHER.T @ centre, PALM_IN_PITCHER.T)
+    tip = rotation_matrix(np.array([-TIPPED, 0.0, 0.0]))
+    tipped = Pose(GRASP_CENTRE + tip @ (upright.position - GRASP_CENTRE), tip @ upright.rotation)
 
+    hand.go(grip.open, 20)
     behind = grasp_point + 0.085 * grasp_rotation[:, 2]
     yield from script.swing(behind, grasp_rotation, 22, ARM_FORWARD)
+    script.care = 0.5
     yield from script.glide(grasp_point, grasp_rotation, 15)
-    yield from script.hold(2)
-    yield from script.move_tips(tips_touch, 10)
-    yield from script.move_tips(tips_squeeze, 10, steady=True)
-    yield from script.hold(2)
-    yield from script.glide(script.position + np.array([0, 0, 0.10]), script.rotation, 14)
+    hand.go(grip.touch, 8)
+    yield from script.hold(8)
+    hand.grip(grip)
+    yield from script.wait(lambda: hand.gripped, 15)
+    yield from script.hold(3)
+    yield from script.glide(script.position + np.array([0, 0, 0.02]), script.rotation, 6)
+    hand.lead(*upright)
+    yield from script.glide(script.position + np.array([0, 0, 0.08]), script.rotation, 12)
 
-    def palm_for(pose: Pose) -> Pose:
-        return script.palm_for(script.in_palm(*env.pitcher_pose), *pose)
-
-    bowl = np.array([*env.episode.bowl, 0.0])
+    bowl = np.array([*episode.bowl, 0.0])
     hover = upright_at(bowl, HOVER)
-    yield from script.swing(*palm_for(hover), 28, ARM_FORWARD)
-    yield from script.swing(*palm_for(pouring_pose(bowl, SPILL_TILT)), 25, ARM_TILTED)
+    yield from script.swing(*script.palm_for(upright, *hover), 28, ARM_FORWARD)
+    hand.lead(*tipped)
+    yield from script.swing(*script.palm_for(tipped, *pouring_pose(bowl, SPILL_TILT)), 25, ARM_TILTED)
+    hand.keep()
     held = script.in_palm(*env.pitcher_pose)
     for tilt in np.linspace(SPILL_TILT, FULL_TILT, 31)[1:]:
         yield script.step(*script.palm_for(held, *pouring_pose(bowl, tilt)))
     yield from script.hold(8)
-    for tilt in np.linspace(FULL_TILT, SPILL_TILT, 14)[1:]:
+    senses.mass -= episode.balls * episode.ball_mass
+    for tilt in np.linspace(FULL_TILT, SPILL_TILT, 17)[1:]:
         yield script.step(*script.palm_for(held, *pouring_pose(bowl, tilt)))
 
-    yield from script.swing(*palm_for(hover), 23, ARM_FORWARD)
+    yield from script.swing(*script.palm_for(tipped, *hover), 27, ARM_FORWARD)
     above = Pose(PLACE + np.array([0, 0, 0.06]), rotation_matrix(np.array([0, 0, np.pi])))
-    yield from script.swing(*palm_for(above), 22, ARM_FORWARD)
-    yield from script.glide(*palm_for(above._replace(position=PLACE)), 14)
-    yield from script.move_tips(tips_touch, 8, steady=True)
-    yield from script.move_tips(tips_open, 8)
+    yield from script.swing(*script.palm_for(tipped, *above), 22, ARM_FORWARD)
+    held = script.in_palm(*env.pitcher_pose)
+    yield from script.glide(*script.palm_for(held, *above._replace(position=PLACE)), 14)
+    straight = _grip(np.array([0.0, 1.0, 0.0]), episode.handle_half_width, fingers)
+    hand.let_go()
+    hand.go(straight.touch, 4)
+    yield from script.hold(4)
+    hand.go(straight.open, 8)
+    yield from script.hold(8)
+    hand.relax(25, after=5)
     yield from script.glide(script.position + 0.13 * script.rotation[:, 2], script.rotation, 15)
-    yield from script.hold(14)
+    yield from script.hold(15)
+
+
+def _grip(axis: Array, half_width: float, fingers: tuple[int, ...]) -> Grip:
+    """Return the grip of a bar whose axis in the palm frame is (3,), its half width [m]."""
+    handle = Handle(GRASP_CENTRE, axis, half_width)
+    return grip_handle(handle, ALONG, -PALM_IN_PITCHER[1], fingers, HAND_TOUCH, HAND_IDLE, ROOM)
 
 
 def upright_at(bowl: Array, offset: tuple[float, float]) -> Pose:

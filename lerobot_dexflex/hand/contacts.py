@@ -1,6 +1,5 @@
 """Place finger pads on surfaces and balance the forces they exert: the geometry and statics of a grasp."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -90,9 +89,9 @@ def touched_by_hand(names: set[str]) -> bool:
     return any(name[:2] in FINGERS or name.startswith("palm") for name in names)
 
 
-def pinched(names: set[str], fingers: Sequence[str] = FINGERS[:3]) -> bool:
-    """Say whether the tips of the thumb and of one of `fingers` are among the names of `contact_names`."""
-    return "th_ds" in names and any(f"{finger}_ds" in names for finger in fingers)
+def pinched(names: set[str]) -> bool:
+    """Say whether the tips of the thumb and of a finger are among the names of `contact_names`."""
+    return "th_ds" in names and any(f"{finger}_ds" in names for finger in FINGERS[:3])
 
 
 def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 12) -> PadSolution:

@@ -27,6 +27,8 @@ WORLD_COLLISION = (1, 7)
 LINK_COLLISION = (2, 0)
 TIP_COLLISION = (4, 6)
 
+HAND_RELAXED = (0.7, 0.0, 0.37, -0.3) * 3 + (1.2, 0.0, 0.39, -0.38)
+"""Fingers at rest, stretched forward [rad]."""
 TIP_FRICTION = (1.0, 0.005, 0.0001)
 TIP_SOLREF = (2 * TIMESTEP, 1.0)
 """Stiff tips: contact slip under arm motion grows with this time constant."""

@@ -13,7 +13,7 @@ from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import finger_frames, pads
 from lerobot_dexflex.interfaces.explanation import Choice
-from lerobot_dexflex.interfaces.grip import NO_SERVO, Grip, centres_of_pressure, loads_of
+from lerobot_dexflex.interfaces.grip import NO_SERVO, Grip, centres_of_pressure
 from lerobot_dexflex.interfaces.learned import LearnedInterface, Sensed
 from lerobot_dexflex.interfaces.plan import Plan
 from lerobot_dexflex.interfaces.registry import INTERFACES
@@ -26,8 +26,9 @@ class DexFlexInterface(LearnedInterface):
     """Choose among the draft, the prior's chunks and chunks around the draft; supply the grip of the chosen.
 
     Receding horizon: `settings.prefix` steps of a chosen chunk are executed, then it chooses again; the grip
-    is decoded anew in every step. Noise is the same in every row and step, so a hand does in a batch what it
-    does alone. Satisfies `Interface`; a draft of None is one that came too late.
+    is decoded anew in every step. Free fingers follow the draft instead, without grip. Noise is the same in
+    every row and step, so a hand does in a batch what it does alone. Satisfies `Interface`; a draft of None
+    is one that came too late.
 
     Args:
         controller: The controller, its folder or hub id; the shipped one if None.
@@ -87,11 +88,12 @@ class DexFlexInterface(LearnedInterface):
             if due.any():
                 plan = plan.renewed(due, self._choose(sensed, state))
         self._plan, self._slow_age = plan.older(), self._slow_age + 1
-        ahead = plan.motion(tips)
-        forces = self._forces(sensed, state, history, ahead)
+        free = self._free(sensed, history)
+        ahead = torch.where(free[:, None, :, None], sensed.draft.draft, plan.motion(tips))
+        forces = self._forces(sensed, state, history, ahead).masked_fill(free[..., None], 0.0)
         motion = ahead[:, 0]
         joints = self._press(sensed, history, motion, forces)
-        self._explain(sensed, motion, forces, plan.choice)
+        self._explain(sensed, motion, free, forces, plan.choice)
         return joints
 
     def _choose(self, sensed: Sensed, state: State) -> Plan:
@@ -125,11 +127,6 @@ class DexFlexInterface(LearnedInterface):
         points = centres_of_pressure(joints, felt)
         torques, push = self._grip.exert(joints, forces, loads, points)
         return self.move(sensed.measured, motion, push, torques)
-
-    @staticmethod
-    def _loads(sensed: Sensed, history: History) -> Tensor:
-        """Return the felt load of each finger [N], NaN where touch is missing. Shape (batch, 4)."""
-        return loads_of(sensed.touch.tactile).double().masked_fill(history.tactile_missing, torch.nan)
 
     def _encode(self, history: History) -> State:
         """Encode the past; slow tokens are renewed in the rows where they are `SLOW_PERIOD` steps old."""

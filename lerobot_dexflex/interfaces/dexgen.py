@@ -12,7 +12,7 @@ from lerobot_dexflex.controller.diffusion_prior import STEPS, DiffusionPrior
 from lerobot_dexflex.controller.finite import check_output
 from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER
+from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, solve_fingertips
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.learned import LearnedInterface, file_stamps
 from lerobot_dexflex.interfaces.registry import INTERFACES
@@ -25,7 +25,8 @@ DENOISING_STEPS = 8
 class DexGenInterface(LearnedInterface):
     """Sample one chunk, guided toward the draft, at every step; inverse dynamics turn it into joint targets.
 
-    Noise is the same in every row and step. Satisfies `Interface`; a draft of None is one that came too late.
+    Free fingers follow the draft instead, by inverse kinematics. Noise is the same in every row and step.
+    Satisfies `Interface`; a draft of None is one that came too late.
 
     Args:
         controller: A controller's folder or hub id, the shipped one if None; or the controller itself, whose
@@ -93,9 +94,13 @@ class DexGenInterface(LearnedInterface):
         joints = (sensed.measured.joints + lead.double()).clamp(
             JOINT_LOWER.to(motion), JOINT_UPPER.to(motion)
         )
+        free, asked = self._free(sensed, history), sensed.draft.draft[:, 0]
+        motion = torch.where(free[..., None], asked, motion)
+        followed = solve_fingertips(sensed.measured.tips + self.gain * asked, self._hand.posture)
+        joints = torch.where(free.repeat_interleave(4, 1), followed, joints)
         self._motion = self.gain * motion
-        self._explain(sensed, motion)
-        return self._hand.execute(joints)
+        self._explain(sensed, motion, free)
+        return self._hand.execute(joints, joints)
 
 
 @functools.cache

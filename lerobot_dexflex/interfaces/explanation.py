@@ -57,6 +57,8 @@ class Explanation:
     squeeze: Tensor
     """What of every step of the draft commanded into the object and was replaced by the grip [m], palm frame;
     zero for a source of motion. Shape (batch, 4, 3)."""
+    free: Tensor
+    """Fingers that followed the draft as it came, without grip; see `FreeFingers`. (batch, 4) bool."""
     forces: Tensor | None = None
     """Forces of the grip [N], palm frame, (batch, 4, 3); None for an interface that supplies none."""
     choice: Choice | None = None
@@ -70,6 +72,7 @@ class Explanation:
             "touch_health": {f: TOUCH_HEALTH[k] for f, k in zip(FINGER_NAMES, touch, strict=True)},
             "draft_health": DRAFT_HEALTH[int(self.draft_health[index])],
             "squeeze": dict(zip(FINGER_NAMES, self.squeeze[index].norm(dim=-1).tolist(), strict=True)),
+            "free": dict(zip(FINGER_NAMES, self.free[index].tolist(), strict=True)),
         }
         if self.forces is not None:
             pressed = self.forces[index].norm(dim=-1).tolist()
@@ -95,6 +98,8 @@ class Explanation:
                 parts.append(f"the draft would lose contact of {', '.join(saved)}")
             if row["draft_grasp_loss"] > _LIKELY >= row["grasp_loss"]:
                 parts.append("the draft would lose the grasp")
+        if free := [f for f, is_free in row["free"].items() if is_free]:
+            parts.append(f"{', '.join(free)} free")
         squeezing = [f for f, size in row["squeeze"].items() if size]
         if squeezing:
             parts.append(f"the squeeze of {', '.join(squeezing)} replaced")

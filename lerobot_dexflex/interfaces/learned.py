@@ -14,8 +14,9 @@ from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import pads
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured
 from lerobot_dexflex.interfaces.controller_folder import find_controller
-from lerobot_dexflex.interfaces.draft_watch import DraftReading, DraftWatch, checked_draft
+from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH, DraftReading, DraftWatch, checked_draft
 from lerobot_dexflex.interfaces.explanation import Choice, Explanation, relative_change
+from lerobot_dexflex.interfaces.free_fingers import FreeFingers
 from lerobot_dexflex.interfaces.grip import loads_of
 from lerobot_dexflex.interfaces.touch_watch import TouchReading, TouchWatch
 
@@ -44,7 +45,8 @@ class LearnedInterface(CommandedInterface):
     """An interface around a frozen controller.
 
     A finger whose touch is missing, frozen or saturated is shown to the networks as missing; a late draft is
-    bridged and a wild one clipped. `explanation` tells.
+    bridged and a wild one clipped. Fingers that hold nothing, or are to let go, follow the draft (see
+    `FreeFingers`). `explanation` tells.
 
     Args:
         controller: The controller, its folder or hub id; the shipped one if None. A folder's is loaded once
@@ -57,6 +59,7 @@ class LearnedInterface(CommandedInterface):
             controller = shared_controller(find_controller(controller))
         self.controller = controller.eval()
         self._touch, self._drafts, self._past = TouchWatch(), DraftWatch(), HistoryBuffer()
+        self._fingers = FreeFingers()
         self._explanation: Explanation | None = None
 
     @property
@@ -67,7 +70,7 @@ class LearnedInterface(CommandedInterface):
     def reset(self, mask: Tensor | None = None) -> None:
         """Begin a new episode in the rows of `mask`, or in all."""
         super().reset(mask)
-        for part in (self._touch, self._drafts, self._past):
+        for part in (self._touch, self._drafts, self._past, self._fingers):
             part.reset(mask)
         if mask is None:
             self._explanation = None
@@ -75,7 +78,7 @@ class LearnedInterface(CommandedInterface):
     @property
     def _parts(self) -> tuple[Any, ...]:
         """Everything that remembers, beside the hand."""
-        return (self._touch, self._drafts, self._past)
+        return (self._touch, self._drafts, self._past, self._fingers)
 
     def _move(self, device: torch.device) -> None:
         """Bring the networks to a device."""
@@ -114,13 +117,29 @@ class LearnedInterface(CommandedInterface):
         self._past.remember(motion)
         return sensed._replace(draft=sensed.draft._replace(draft=motion), squeeze=squeeze)
 
+    def _free(self, sensed: Sensed, history: History) -> Tensor:
+        """Return which fingers follow their draft as it came. (batch, 4) bool; call it once per step."""
+        late = sensed.draft.health == DRAFT_HEALTH.index("late")
+        inward = pads(sensed.measured.joints)[1]
+        return self._fingers.look(sensed.draft.draft, self._loads(sensed, history), inward, late)
+
+    @staticmethod
+    def _loads(sensed: Sensed, history: History) -> Tensor:
+        """Return the felt load of each finger [N], NaN where touch is missing. Shape (batch, 4)."""
+        return loads_of(sensed.touch.tactile).double().masked_fill(history.tactile_missing, torch.nan)
+
     def _explain(
-        self, sensed: Sensed, motion: Tensor, forces: Tensor | None = None, choice: Choice | None = None
+        self,
+        sensed: Sensed,
+        motion: Tensor,
+        free: Tensor,
+        forces: Tensor | None = None,
+        choice: Choice | None = None,
     ) -> None:
-        """Note why the motion [m] (batch, 4, 3) was executed."""
+        """Note why the motion [m] (batch, 4, 3) was executed, of fingers of which some were free."""
         change = relative_change(self.gain * motion, sensed.draft.draft[:, 0])
         touch, draft = sensed.touch.health, sensed.draft.health
-        self._explanation = Explanation(change, touch, draft, sensed.squeeze, forces, choice)
+        self._explanation = Explanation(change, touch, draft, sensed.squeeze, free, forces, choice)
 
 
 def shared_controller(folder: Path) -> DexFlexController:

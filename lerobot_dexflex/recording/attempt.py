@@ -13,8 +13,9 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
+from lerobot_dexflex.commands.families import CLEAN, CommandErrors
 from lerobot_dexflex.commands.glove import GlovedHand
+from lerobot_dexflex.commands.source import check_source
 from lerobot_dexflex.conventions import LEROBOT_KEYS
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
@@ -22,7 +23,7 @@ from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command, fingertips_of
 from lerobot_dexflex.interfaces import Interface, make_interface
 from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS
-from lerobot_dexflex.recording.schema import columns, rounded
+from lerobot_dexflex.recording.schema import columns, privileged_columns, rounded
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,9 @@ def run_attempt(
     seed: int,
     index: int,
     cameras: bool = True,
-    glove_noise: float = 0.0,
-    interface: str = "raw",
+    interface: str = "joint",
+    glove: str = CLEAN,
+    source: str = "motion",
     controller: str = "",
 ) -> Attempt:
     """Let the expert attempt the task once.
@@ -70,8 +72,9 @@ def run_attempt(
         seed: Seed of the recording; the episode starts from environment seed `seed + index`.
         index: Number of the attempt.
         cameras: Render and keep the frames; without, only the outcome is returned.
-        glove_noise: See `RecordConfig`.
         interface: See `RecordConfig`.
+        glove: See `RecordConfig`.
+        source: See `RecordConfig`.
         controller: See `RecordConfig`.
 
     Raises:
@@ -81,10 +84,9 @@ def run_attempt(
     options: dict[str, Any] = {} if cameras else {"cameras": ()}
     env = gymnasium.make(f"{NAMESPACE}/{task}", disable_env_checker=True, **options)
     try:
-        # Fingertips without errors need no second solution: the expert's joints are what `raw` makes of them.
-        direct = interface == "raw" and not glove_noise
-        below = None if direct else _interface(interface, controller)
-        return _run(env, expert, seed, index, cameras, below, glove_noise)
+        errors, below = CommandErrors.parse(glove), _interface(interface, controller)
+        hand = GlovedHand(below, errors, (seed, index, 1), check_source(source))
+        return _run(env, expert, seed, index, cameras, hand)
     finally:
         env.close()
 
@@ -95,43 +97,32 @@ def _interface(name: str, controller: str) -> Interface:
     return make_interface(name, controller)
 
 
-def _run(
-    env: gymnasium.Env,
-    expert: Any,
-    seed: int,
-    index: int,
-    keep: bool,
-    interface: Interface | None,
-    glove_noise: float,
-) -> Attempt:
+def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool, hand: GlovedHand) -> Attempt:
     observation, info = env.reset(seed=seed + index)
     commands: Iterator[Command] = expert(env.unwrapped, np.random.default_rng((seed, index)))
-    hand = None
-    if interface is not None:
-        errors = CommandErrors.of(noise=glove_noise) if glove_noise else NO_ERRORS
-        hand = GlovedHand(interface, errors, (seed, index, 1))
     frames: list[dict[str, NDArray]] = []
     steps = 0
     for command in commands:
-        if hand:
-            command = hand.move(observation, command)
+        command = hand.move(observation, command)
         if keep:
-            frames.append(_frame(observation, command))
+            frames.append(_frame(observation, command, env.get_wrapper_attr("pad_forces")))
         observation, _, terminated, truncated, info = env.step(command.executed)
         steps += 1
         if terminated or truncated:
             break
     success = bool(info["is_success"])
-    kept = _stack(frames, columns(env.get_wrapper_attr("joints"))) if keep and success else {}
+    table = columns(env.get_wrapper_attr("joints")) | privileged_columns()
+    kept = _stack(frames, table) if keep and success else {}
     return Attempt(index, seed + index, success, steps, float(info["progress"]), kept)
 
 
-def _frame(observation: dict[str, Any], command: Command) -> dict[str, NDArray]:
+def _frame(observation: dict[str, Any], command: Command, loads: NDArray) -> dict[str, NDArray]:
     images = {f"observation.images.{name}": image for name, image in observation["pixels"].items()}
     numbers = {key: observation[name] for name, key in LEROBOT_KEYS.items()}
     joints = command.joint_targets
     action = np.concatenate([joints, fingertips_of(joints[-N_JOINTS:]).ravel()])
-    return images | numbers | {"action": action}
+    privileged = {"operator.draft": command.draft[0].ravel(), "contact.loads": loads}
+    return images | numbers | {"action": action} | privileged
 
 
 def _stack(frames: list[dict[str, NDArray]], table: dict[str, Any]) -> dict[str, NDArray]:

@@ -6,19 +6,29 @@ from typing import Any
 
 from huggingface_hub import DatasetCardData
 
+from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
-from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP, columns
+from lerobot_dexflex.interfaces.method import Method
+from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP, columns, privileged_columns
 from lerobot_dexflex.recording.staging import RECORD_FILE
 from lerobot_dexflex.runs.statistics import success_rate
 
-_GLOVE = """\
-The operator's glove is off by up to ±{:.1f} mm in every fingertip coordinate, anew in every step.
-"""
 _INTERFACE = """\
-The operator's fingertips passed through the interface `{interface}`{controller}; labels and execution are
-what it made of them.
+The operator's {what} passed through the interface `{interface}`{controller}; labels and execution are what
+it made of them.
 """
+_GLOVE = """\
+On the way there its glove spoilt them: `{glove}`, of which the columns `operator.*` have nothing.
+"""
+_PERSON = """\
+Every attempt has another person in the glove, drawn from its number and the recording's seed.
+"""
+_WHAT = {
+    "joint": "joints",
+    "motion": "drafts, which say where the fingertips should be and hold no squeeze,",
+    "pressing": "drafts, which command into the object,",
+}
 _TEMPLATE = """\
 ---
 {front_matter}
@@ -27,7 +37,7 @@ _TEMPLATE = """\
 # {repo_id}
 
 {episodes} demonstrations ({frames} frames, {minutes:.1f} min at {fps} Hz) of the simulated task
-`{task}`, "{description}", on a {robot}, made by the scripted privileged expert of
+`{task}`, "{description}", on a {robot}, made by the privileged operator of
 [lerobot_dexflex](https://github.com/lerobot-dexflex/lerobot_dexflex). LeRobotDataset {version}.{warning}
 
 **Expert.** {successes} of {attempts} attempts succeeded: {rate:.0f} % (Wilson 95 %: {low:.0f}-{high:.0f} %).
@@ -42,7 +52,8 @@ Failed attempts are left out; seeds and outcomes of all attempts are in [{record
 The frame at step k holds the observation *before* the step and the expert's label `action`. What was executed
 is the label plus smooth joint noise (a natural unsteadiness), so the demonstrations show how to come back.
 {glove}Every element is named in [meta/info.json](meta/info.json). No object pose, goal or mass is recorded.
-Numbers are rounded to {angle:.1e} rad, {length:.1e} m and {force:.1e} N, far below what the sensors resolve.
+LeRobot hands no policy the columns marked privileged.
+Numbers are rounded to {angle:.1e} rad, {length:.1e} m and {force:.1e} N, at or below what sensors resolve.
 
 ## Load it
 
@@ -75,7 +86,7 @@ dexflex-record --config_path={root}/recipe.yaml --root=outputs/again
 
 ## Known limitations
 
-Simulation only; one scripted strategy, so the demonstrations vary less than a human's. Images are lossy h264.
+Simulation only; the order of the arm's moves is scripted, the hand reacts. Images are lossy h264.
 """
 
 
@@ -130,14 +141,18 @@ def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
 
 
 def _between(record: dict[str, Any]) -> str:
-    """Say what stood between the operator and the hand; recipes of old have neither glove nor interface."""
+    """Say what stood between the operator and the hand."""
     recipe = record["recipe"]
-    noise, interface = recipe.get("glove_noise"), recipe.get("interface", "raw")
-    if not noise and interface == "raw":
+    interface, errors = recipe["interface"], CommandErrors.parse(recipe["glove"])
+    joint = Method.parse(interface).command_space == "joint"
+    if joint and not errors:
         return ""
     controller = f" (controller {record['controller']})" if record.get("controller") else ""
-    glove = _GLOVE.format(1e3 * noise) if noise else ""
-    return glove + _INTERFACE.format(interface=interface, controller=controller)
+    what = _WHAT["joint" if joint else recipe["source"]]
+    text = _INTERFACE.format(what=what, interface=interface, controller=controller)
+    if errors:
+        text += _GLOVE.format(glove=errors.name)
+    return text + _PERSON if errors.level else text
 
 
 def _rows(info: dict[str, Any]) -> list[str]:
@@ -150,6 +165,6 @@ def _rows(info: dict[str, Any]) -> list[str]:
         encoding = features[key]["info"]
         video = f"{encoding['video.codec']}, key frame every {encoding['video.g']} frames"
         rows.append(f"| `{key}` | {shape} video | RGB | camera `{key.rsplit('.', 1)[1]}`; {video} |")
-    for key, column in columns(joints).items():
+    for key, column in (columns(joints) | privileged_columns()).items():
         rows.append(f"| `{key}` | {len(column.names)} | {column.unit} | {column.meaning} |")
     return rows

@@ -4,25 +4,24 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from lerobot_dexflex.commands.families import CommandErrors
+from lerobot_dexflex.commands.source import check_source
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module
-from lerobot_dexflex.interfaces.method import Method, require_drafts
+from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.recording.repo import check_repo_id
 from lerobot_dexflex.runs.provenance import weights_digest
-
-LARGEST_NOISE = 0.02
-"""Of `glove_noise` [m]: a fingertip's size."""
 
 
 @dataclass
 class VideoConfig:
-    """h264 settings of the two cameras (yuv420p, preset `slow`)."""
+    """h264 settings of the two cameras (yuv420p, preset `slow`); small enough to commit 50 demonstrations."""
 
-    crf: int = 23
+    crf: int = 28
     """Constant rate factor: 0 is lossless, 51 is worst; 18 to 23 look the same at 96 pixels."""
-    gop: int = 10
-    """Frames from one key frame to the next; small values make random access cheap."""
+    gop: int = 40
+    """Frames from one key frame to the next; small values make random access cheap and files large."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.crf <= 51:
@@ -33,7 +32,7 @@ class VideoConfig:
 
 @dataclass
 class RecordConfig:
-    """Record successful demonstrations of a task's scripted expert as a LeRobotDataset."""
+    """Record successful demonstrations of a task's privileged operator as a LeRobotDataset."""
 
     task: str = "PlaceHammer-v0"
     """Task to demonstrate."""
@@ -49,13 +48,15 @@ class RecordConfig:
     """Worker processes; 0 records in this process. The data do not depend on it."""
     max_attempts: int = 0
     """Give up after so many attempts; 0 means twice the episodes plus 10."""
-    glove_noise: float = 0.0
-    """Half width of uniform noise on every commanded fingertip coordinate, new in every step [m]: what a
-    glove or a hand tracker is off by. What the interface makes of it is executed and recorded: nobody knows
-    an operator's steady command."""
-    interface: str = "raw"
-    """What executes the commanded fingertips while recording: `raw`, `press`, `dexgen`, `dexflex` or another
-    method that reads drafts."""
+    interface: str = "joint"
+    """What executes the operator's commands while recording, and so makes the labels: `joint`, its own joints
+    bit for bit, or a method that reads its draft (`raw`, `press`, `dexgen`, `dexflex`, ...)."""
+    glove: str = "clean"
+    """What goes wrong with the commands: `clean`, a person's level (`steady`, `typical`, `novice`; attempt k
+    is led by the person that `(seed, k)` draws, so a dataset comes from several), errors such as `noise_2mm`,
+    or several joined by `+`."""
+    source: str = "motion"
+    """What a draft says: `motion`, where the fingertips should be, or `pressing`, that and the squeeze."""
     controller: str = ""
     """Folder or hub id of the controller of `dexgen` and `dexflex`; empty is the repository's own."""
     video: VideoConfig = field(default_factory=VideoConfig)
@@ -73,11 +74,12 @@ class RecordConfig:
         for name in ("seed", "workers", "max_attempts"):
             if getattr(self, name) < 0:
                 raise DexFlexError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
-        if not 0 <= self.glove_noise <= LARGEST_NOISE:
+        self.glove = CommandErrors.parse(self.glove).name
+        if check_source(self.source) == "pressing" and Method.parse(self.interface).command_space == "joint":
             raise DexFlexError(
-                f"`glove_noise` must be in [0, {LARGEST_NOISE}] m. Got {self.glove_noise}; millimetres?"
+                f"`source` says what drafts hold, but the interface {self.interface!r} reads none. Leave it "
+                "out, or choose an interface that reads drafts, such as --interface=raw."
             )
-        require_drafts(self.interface)
         if 0 < self.max_attempts < self.episodes:
             raise DexFlexError(
                 f"`max_attempts` ({self.max_attempts}) must not be below `episodes` ({self.episodes}); "

@@ -1,4 +1,4 @@
-"""Measure how often the scripted expert solves its task on unseen initial states."""
+"""Measure how often the operator solves its task on unseen initial states."""
 
 import functools
 from collections.abc import Callable
@@ -9,6 +9,7 @@ import pandas as pd
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module, make_expert
+from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.recording.attempt import Attempt, run_attempt
 from lerobot_dexflex.recording.schema import FPS
 from lerobot_dexflex.runs.jobs import Job, run_missing
@@ -49,7 +50,8 @@ def expert_rate(
         raise DexFlexError(f"`episodes` must be at least 1. Got {episodes}.")
     if seed < 0:
         raise DexFlexError(f"`seed` must not be negative. Got {seed}.")
-    modules = (__name__, run_attempt.__module__, TASKS[task].module, expert_module(task))
+    own = Method.parse("joint").modules
+    modules = (__name__, run_attempt.__module__, TASKS[task].module, expert_module(task), *own)
     version = method_version(modules, first_seed=seed)  # The expert's noise is drawn from it and k.
     jobs = [Job(METHOD, version.name, task, CONDITION, (seed + k,)) for k in range(episodes)]
     attempt = run or functools.partial(run_attempt, task, seed, cameras=False)

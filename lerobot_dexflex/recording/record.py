@@ -128,8 +128,9 @@ def _record_attempt(config: RecordConfig, staging: str, index: int) -> Attempt:
             config.task,
             config.seed,
             index,
-            glove_noise=config.glove_noise,
             interface=config.interface,
+            glove=config.glove,
+            source=config.source,
             controller=config.controller,
         )
     save_attempt(attempt, Path(staging))

@@ -13,9 +13,10 @@ FPS = round(1 / (SUBSTEPS * TIMESTEP))
 TAXEL_ROWS, TAXEL_COLUMNS = 10, 6
 
 # Powers of two are exact in float32 and leave its low bits zero, which is what compresses.
-ANGLE_STEP = 2.0**-16
-LENGTH_STEP = 2.0**-20
-FORCE_STEP = 2.0**-10
+ANGLE_STEP = 2.0**-14
+LENGTH_STEP = 2.0**-18
+FORCE_STEP = 2.0**-8
+"""About the noise of a taxel."""
 
 
 class Column(NamedTuple):
@@ -29,10 +30,35 @@ class Column(NamedTuple):
     meaning: str
 
 
+_TIPS = [f"{finger}_tip.{axis}" for finger in FINGERS for axis in "xyz"]
+
+
+def privileged_columns() -> dict[str, Column]:
+    """Return the columns that only simulation knows.
+
+    LeRobot hands no policy what is called neither `observation...` nor `action...`.
+    """
+    return {
+        "operator.draft": Column(
+            _TIPS,
+            "m",
+            np.full(len(_TIPS), LENGTH_STEP),
+            "privileged: where the operator wants the fingertips after this step, without squeeze and before "
+            "the errors of its glove, in the palm frame",
+        ),
+        "contact.loads": Column(
+            [f"{finger}_load" for finger in FINGERS],
+            "N",
+            np.full(len(FINGERS), FORCE_STEP),
+            "privileged: true normal force on each fingertip before this step",
+        ),
+    }
+
+
 def columns(joints: Sequence[str]) -> dict[str, Column]:
-    """Return the numeric columns of a robot with these joints, keyed as in the dataset."""
+    """Return the numeric columns of a robot with these joints for policies, keyed as in the dataset."""
     angles = [f"{joint}.pos" for joint in joints]
-    tips = [f"{finger}_tip.{axis}" for finger in FINGERS for axis in "xyz"]
+    tips = _TIPS
     taxels = [
         f"{finger}_taxel.{row}.{column}"
         for finger in FINGERS

@@ -6,15 +6,18 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import betaln
 from scipy.stats import bootstrap, wilcoxon
+from statsmodels.duration.survfunc import SurvfuncRight
 from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
 
 from lerobot_dexflex.errors import DexFlexError
 
-_ALPHA = 0.05
+SIGNIFICANT = 0.05
+"""Below this adjusted p-value two methods are said to differ; intervals are of 95 %."""
 _RESAMPLES = 9999
 
 
@@ -28,7 +31,7 @@ class Rate(NamedTuple):
 
 
 class Mean(NamedTuple):
-    """A mean with its bootstrap (BCa) 95 % interval; `ci95` is None for fewer than two values."""
+    """A mean with its bootstrap 95 % interval; `ci95` is None for fewer than two values."""
 
     mean: float
     ci95: tuple[float, float] | None
@@ -61,12 +64,12 @@ def success_rate(successes: Sequence[bool]) -> Rate:
     n, k = len(successes), int(sum(successes))
     if n == 0:
         raise DexFlexError("A success rate needs at least one episode. Got none.")
-    interval: Any = proportion_confint(k, n, alpha=_ALPHA, method="wilson")
+    interval: Any = proportion_confint(k, n, alpha=SIGNIFICANT, method="wilson")
     return Rate(k, n, 100 * k / n, (100 * float(interval[0]), 100 * float(interval[1])))
 
 
 def mean_interval(values: Sequence[float], seed: int = 0) -> Mean | None:
-    """Return mean and bootstrap interval, or None if there are no values.
+    """Return mean and bootstrap (BCa) interval, or None if there are no values.
 
     Args:
         values: One number per episode.
@@ -86,6 +89,53 @@ def mean_interval(values: Sequence[float], seed: int = 0) -> Mean | None:
         interval = bootstrap((np.asarray(values, float),), np.mean, n_resamples=_RESAMPLES, rng=rng)
     low, high = interval.confidence_interval
     return Mean(mean, (float(low), float(high)), len(values))
+
+
+def two_level_interval(groups: Sequence[NDArray[np.float64]], seed: int = 0) -> Mean:
+    """Return the average of the groups' means, its interval from resampling trainings and then episodes.
+
+    Every resample draws trainings, the same for all groups, and within each group episodes, the same for all
+    of these trainings, because trainings share the episodes' initial states: the pigeonhole bootstrap (Owen
+    2007, doi:10.1214/07-AOAS122). It errs towards wide intervals; drawing other episodes for each training
+    would not cover what the initial states have in common. Of one training only episodes are drawn. A
+    handful of trainings cannot tell how much trainings differ when that outweighs the episodes: with three,
+    the percentile interval then covers less than 95 %.
+
+    Args:
+        groups: One array per task, shape (trainings, episodes); the number of episodes may differ.
+        seed: Seed of the resampling, so that the same values always give the same interval.
+
+    Raises:
+        DexFlexError: If there is no group, one is empty, or they differ in trainings.
+    """
+    if len({len(group) for group in groups}) != 1 or min(group.size for group in groups) == 0:
+        shapes = ", ".join(str(group.shape) for group in groups)
+        raise DexFlexError(f"Groups must have shapes (trainings, episodes) of equal trainings. Got {shapes}.")
+    rng = np.random.default_rng(seed)
+    trainings = _shares(rng, len(groups[0]))
+    means = [
+        np.einsum("rt,rt->r", trainings, _shares(rng, group.shape[1]) @ np.asarray(group, float).T)
+        for group in groups
+    ]
+    low, high = np.percentile(np.mean(means, axis=0), [50 * SIGNIFICANT, 100 - 50 * SIGNIFICANT])
+    mean = float(np.mean([group.mean() for group in groups]))
+    return Mean(mean, (float(low), float(high)), sum(group.size for group in groups))
+
+
+def _shares(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+    """Return the share of every one of n items in each resample, shape (resamples, n)."""
+    return rng.multinomial(n, np.full(n, 1 / n), size=_RESAMPLES) / n
+
+
+def median_time(seconds: Sequence[float], successes: Sequence[bool]) -> float | None:
+    """Return the Kaplan-Meier median of the time to success [s]; None if half never got there.
+
+    Args:
+        seconds: Time to success, or until which an episode was seen without [s].
+        successes: Whether it succeeded.
+    """
+    median = float(SurvfuncRight(np.asarray(seconds, float), np.asarray(successes, int)).quantile(0.5))
+    return None if math.isnan(median) else median
 
 
 def paired_test(first: Sequence[bool], second: Sequence[bool]) -> PairedTest:
@@ -143,5 +193,5 @@ def holm(p_values: Sequence[float]) -> list[float]:
     """Return p-values adjusted by Holm for a family of tests, in the order given."""
     if len(p_values) == 0:
         return []
-    adjusted: Any = multipletests(p_values, alpha=_ALPHA, method="holm")[1]
+    adjusted: Any = multipletests(p_values, alpha=SIGNIFICANT, method="holm")[1]
     return [float(p) for p in adjusted]

@@ -7,7 +7,7 @@ from typing import Any
 
 from lerobot.configs import PolicyFeature
 from lerobot.envs.utils import env_to_policy_features
-from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE, OBS_STR
+from lerobot.utils.constants import ACTION, DEFAULT_FEATURES, OBS_IMAGES, OBS_STATE, OBS_STR
 from lerobot.utils.feature_utils import dataset_to_policy_features
 from torch import Tensor
 
@@ -52,6 +52,17 @@ def check_dataset(meta: Any, inputs: Shapes) -> None:
         _check_column(features, key, column.names, f"{column.meaning} [{column.unit}]")
     offered = shapes(dataset_to_policy_features(features))
     _compare(inputs, offered, "the dataset", _dataset_remedy(inputs, offered))
+
+
+def unread(features: Mapping[str, Any], inputs: Shapes) -> list[str]:
+    """Return what a training does not read of a dataset's features, by their names in the dataset.
+
+    Args:
+        features: Of the dataset.
+        inputs: What the policy reads, by the names of --rename_map.
+    """
+    read = {*inputs, ACTION, *DEFAULT_FEATURES}
+    return [old for new, old in renamed({key: key for key in features}).items() if new not in read]
 
 
 def _check_column(features: Mapping[str, Any], key: str, names: list[str], meaning: str) -> None:

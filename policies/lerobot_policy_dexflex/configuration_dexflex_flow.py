@@ -7,13 +7,12 @@ from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
-from lerobot_dexflex.conventions import DRAFTS, MEASURED
+from lerobot_dexflex.conventions import DRAFTS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.checkpoints import UNTOLD_DRAFT
-from lerobot_dexflex.interfaces import INTERFACES, Method
+from lerobot_dexflex.evaluation.plan_parts import OLD_LAYOUT, PARTS, executed_part
+from lerobot_dexflex.interfaces import Method
 from lerobot_policy_dexflex.configuration_shared import check_draft, check_interface, no_normalization
 
-ACTION_SPACES = ("joint", "draft")
 _INPUTS = ("observation.state", "observation.tactile", "observation.fingertips", "observation.gravity")
 _WHOLE_RUN = 1_000_000
 
@@ -21,7 +20,7 @@ _WHOLE_RUN = 1_000_000
 @PreTrainedConfig.register_subclass("dexflex_flow")
 @dataclass
 class DexflexFlowConfig(PreTrainedConfig):
-    """Flow matching from images, touch and joints to chunks of arm joints and hand commands.
+    """Flow matching from images, touch and joints to plans that serve all interfaces.
 
     The network needs no download and trains on one CPU core. All normalisation happens inside the policy,
     because the action interface needs raw units.
@@ -30,24 +29,26 @@ class DexflexFlowConfig(PreTrainedConfig):
     # What is learned and how it is executed
     interface: str = "joint"
     """How the hand is commanded: `joint`, `raw`, `press`, `dexgen`, `dexflex` or another method of
-    `lerobot_dexflex.interfaces`, such as `dexflex-notouch@0.7`. Switchable at evaluation within the same
-    action space: `joint` needs a checkpoint of joint targets, the others one of fingertips."""
+    `lerobot_dexflex.interfaces`, such as `dexflex-notouch@0.7`. Switchable at evaluation: each executes its
+    part of the same plan, `joint` the hand's joint targets, the others the fingertips that `draft` names."""
     controller: str = ""
     """Folder or hub id of the frozen controller of `dexgen` and `dexflex`; empty is the repository's own."""
     controller_digest: str = ""
     """Interface and content hash of the controller that a checkpoint was saved with; set by the policy."""
-    action_space: str = ""
-    """Slice of the dataset's action that is learned: `joint` (all joint targets) or `draft` (arm joints and
-    fingertips). Empty in a new training: the interface decides. Saved in the checkpoint."""
+    learns: list[str] | str = field(default_factory=lambda: list(PARTS))
+    """Which parts of the hand's plan are learned beside the arm's joint targets: `joint`, its joint targets;
+    `commanded`, the fingertips of the dataset's action, which press; `measured`, where they were one step
+    later, which holds no force. Decided in a new training and saved in the checkpoint."""
     draft: str = ""
-    """Which fingertips are learned: `measured`, where they were one step later, which holds no force; or
-    `commanded`, the dataset's own, which press. Empty in a new training of drafts: `measured`. Saved in the
-    checkpoint."""
+    """Which fingertips are executed by interfaces that read drafts: `measured` or `commanded`. Empty: the
+    measured ones, or the commanded ones if only these were learned."""
+    action_space: str = ""
+    """Only checkpoints of the older layout have one; draccus would refuse them without saying why."""
     tasks: list[str] = field(default_factory=list)
     """Instructions in the training dataset; set by the policy, which warns when it is asked for another."""
-    chunk_size: int = 16
+    chunk_size: int = 24
     """Control steps predicted at once."""
-    n_action_steps: int = 8
+    n_action_steps: int = 16
     """Control steps executed before planning again."""
 
     # Network
@@ -61,12 +62,15 @@ class DexflexFlowConfig(PreTrainedConfig):
     """Taxel force that enters the network as 1 [N]; fixed by the sensor, never fitted to a frame."""
 
     # Flow
-    noise_draws: int = 4
+    noise_draws: int = 2
     """Pairs of time and noise per sample and step; they share the image encoder, the most expensive part."""
     euler_steps: int = 8
     """Integration steps from noise to a chunk, at most 10."""
 
-    # Augmentation, in training only
+    # Augmentation and regularisation, in training only
+    dropout: float = 0.1
+    """Share of the outputs of every attention and MLP of the transformer that is hidden: 50 demonstrations
+    are few enough to be learned by heart."""
     image_shift: int = 0
     """Largest random shift of an image [pixel]. Zero by default: a pixel of a 96 x 96 view is several
     millimetres wide, as much as a grasp forgives."""
@@ -105,13 +109,20 @@ class DexflexFlowConfig(PreTrainedConfig):
             ParsingError: draccus hides the message of any ValueError from a configuration, but not this one.
         """
         super().__post_init__()
+        if self.action_space:
+            raise ParsingError(OLD_LAYOUT)
         check_interface(self.interface)
         check_draft(self.draft, (*DRAFTS, ""))
-        if self.action_space not in ("", *ACTION_SPACES):
+        if isinstance(
+            self.learns, str
+        ):  # Beside a --config_path draccus reads lists as JSON: names unquoted.
+            self.learns = [name.strip() for name in self.learns.strip("[] ").split(",") if name.strip()]
+        if not self.learns or not set(self.learns) <= set(PARTS):
             raise ParsingError(
-                f"`action_space` must be one of {', '.join(ACTION_SPACES)}, or empty to let the interface "
-                f"decide. Got {self.action_space!r}."
+                f"`learns` must name one or more of {', '.join(PARTS)}, as in --policy.learns=[measured]. "
+                f"Got {self.learns}."
             )
+        self.learns = [part for part in PARTS if part in self.learns]
         if not 1 <= self.n_action_steps <= self.chunk_size:
             raise ParsingError(
                 f"`n_action_steps` must be between 1 and `chunk_size` ({self.chunk_size}). "
@@ -129,6 +140,8 @@ class DexflexFlowConfig(PreTrainedConfig):
                 f"`euler_steps` must be at most 10, as flow times beyond 0.9 are not trained. "
                 f"Got {self.euler_steps}."
             )
+        if not 0 <= self.dropout < 1:
+            raise ParsingError(f"`dropout` must be in [0, 1). Got {self.dropout}.")
         for name in ("touch_dropout", "ema_decay", "warmup_fraction"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ParsingError(f"`{name}` must be in [0, 1]. Got {getattr(self, name)}.")
@@ -138,32 +151,13 @@ class DexflexFlowConfig(PreTrainedConfig):
                 f"Got {self.normalization_mapping}."
             )
 
-    def settle_action_space(self) -> str:
-        """Let the interface decide the action space of a new training, or check it against a checkpoint.
+    def executed_part(self) -> str:
+        """Return the part of the plan that the interface executes.
 
         Raises:
-            DexFlexError: If the checkpoint learned another action space than the interface executes, or does
-                not tell which fingertips it learned.
+            DexFlexError: If it was not learned.
         """
-        wanted = Method.parse(self.interface).command_space
-        if not self.action_space:
-            self.action_space = wanted
-            self.draft = self.draft or (MEASURED if wanted == "draft" else "")
-        if self.action_space != wanted:
-            fitting = [n for n, entry in INTERFACES.items() if entry.command_space == self.action_space]
-            raise DexFlexError(
-                f"Interface {self.interface!r} executes the action space {wanted!r}, but this checkpoint "
-                f"learned {self.action_space!r}. Choose --policy.interface={'|'.join(fitting)}, or load a "
-                f"checkpoint that was trained with --policy.interface={self.interface}."
-            )
-        if wanted == "joint" and self.draft:
-            raise DexFlexError(
-                f"`draft` says which fingertips are learned, but {self.interface!r} learns joint targets. "
-                f"Leave out --policy.draft={self.draft}."
-            )
-        if wanted == "draft" and not self.draft:
-            raise DexFlexError(UNTOLD_DRAFT)
-        return self.action_space
+        return executed_part(self.learns, Method.parse(self.interface), self.draft)
 
     @property
     def observation_delta_indices(self) -> None:

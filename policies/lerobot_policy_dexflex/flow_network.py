@@ -1,4 +1,4 @@
-"""The velocity field: a diffusion transformer over the steps of a chunk, looking at the observation."""
+"""The denoiser: a diffusion transformer over the steps of a chunk, looking at the observation."""
 
 import math
 from typing import NamedTuple
@@ -35,9 +35,10 @@ class Block(nn.Module):
     adaLN-single), which saves most of the parameters.
     """
 
-    def __init__(self, dim: int, n_heads: int, mlp_ratio: int) -> None:
+    def __init__(self, dim: int, n_heads: int, mlp_ratio: int, dropout: float) -> None:
         super().__init__()
         self.n_heads = n_heads
+        self.dropout = nn.Dropout(dropout)
         self.offset = nn.Parameter(torch.zeros(_MODULATIONS, dim))
         self.qkv = nn.Linear(dim, 3 * dim)
         self.out = nn.Linear(dim, dim)
@@ -50,9 +51,9 @@ class Block(nn.Module):
     def forward(self, x: Tensor, modulation: Tensor, context: Context) -> Tensor:
         """Transform x (draws, batch, tokens, dim); modulation has shape (draws, batch, 1, 7, dim)."""
         shift1, scale1, gate1, gate2, shift3, scale3, gate3 = (modulation + self.offset).unbind(-2)
-        x = x + gate1 * self._attend_chunk(_modulate(x, shift1, scale1))
-        x = x + gate2 * self._attend_context(functional.layer_norm(x, x.shape[-1:]), context)
-        return x + gate3 * self.mlp(_modulate(x, shift3, scale3))
+        x = x + gate1 * self.dropout(self._attend_chunk(_modulate(x, shift1, scale1)))
+        x = x + gate2 * self.dropout(self._attend_context(functional.layer_norm(x, x.shape[-1:]), context))
+        return x + gate3 * self.dropout(self.mlp(_modulate(x, shift3, scale3)))
 
     def _attend_chunk(self, x: Tensor) -> Tensor:
         draws, batch, tokens, dim = x.shape
@@ -70,7 +71,7 @@ class Block(nn.Module):
 
 
 class FlowNetwork(nn.Module):
-    """Velocity of an action chunk given flow time and observation.
+    """Clean chunk given a noisy one, its flow time and the observation.
 
     Args:
         image_shapes: Per camera key, (channels, height, width).
@@ -82,6 +83,7 @@ class FlowNetwork(nn.Module):
         n_heads: Attention heads.
         mlp_ratio: Hidden width of the MLPs in units of `dim`.
         n_keypoints: Keypoints per camera.
+        dropout: Share of every block's outputs that is hidden in training.
     """
 
     def __init__(
@@ -95,6 +97,7 @@ class FlowNetwork(nn.Module):
         n_heads: int,
         mlp_ratio: int,
         n_keypoints: int,
+        dropout: float = 0.0,
     ) -> None:
         super().__init__()
         self.n_heads = n_heads
@@ -106,24 +109,24 @@ class FlowNetwork(nn.Module):
         self.modulation = nn.Sequential(nn.SiLU(), modulation)
         self.action_in = nn.Linear(_STEPS_PER_TOKEN * action_dim, dim)
         self.position = nn.Parameter(torch.randn(chunk_size // _STEPS_PER_TOKEN, dim) * 0.02)
-        self.blocks = nn.ModuleList(Block(dim, n_heads, mlp_ratio) for _ in range(n_layers))
+        self.blocks = nn.ModuleList(Block(dim, n_heads, mlp_ratio, dropout) for _ in range(n_layers))
         self.action_out = nn.Linear(dim, _STEPS_PER_TOKEN * action_dim)
         for layer in (modulation, self.action_out):
             nn.init.zeros_(layer.weight)
             nn.init.zeros_(layer.bias)
 
     def encode(self, observation: Observation) -> Context:
-        """Encode an observation once for any number of velocities."""
+        """Encode an observation once for any number of noisy chunks."""
         tokens = self.norm(self.observation(observation))
         key_value = self.key_value(tokens).unflatten(-1, (2, self.n_heads, -1))
         keys, values = key_value.permute(2, 0, 3, 1, 4)
         return Context(keys, values, tokens.mean(1))
 
-    def velocity(self, x_t: Tensor, t: Tensor, context: Context) -> Tensor:
-        """Return dx/dt at flow time t, which is 0 at noise and 1 at data.
+    def clean(self, x_t: Tensor, t: Tensor, context: Context) -> Tensor:
+        """Return the clean chunk that is expected at flow time t, which is 0 at noise and 1 at data.
 
-        The network names the clean chunk and the velocity follows from it: it then never has to carry the
-        noise through its narrow tokens, and the last integration step lands on a clean chunk.
+        The velocity (clean - x_t) / (1 - t) follows from it: the network then never has to carry the noise
+        through its narrow tokens, and the last integration step lands on a clean chunk.
 
         Args:
             x_t: Chunks on their way. Shape (draws, batch, chunk_size, action_dim).
@@ -138,8 +141,7 @@ class FlowNetwork(nn.Module):
         x = self.action_in(x_t.unflatten(2, (-1, _STEPS_PER_TOKEN)).flatten(3)) + self.position
         for block in self.blocks:
             x = block(x, modulation, context)
-        clean = self.action_out(functional.layer_norm(x, x.shape[-1:])).view_as(x_t)
-        return (clean - x_t) / (1 - t)[..., None, None]
+        return self.action_out(functional.layer_norm(x, x.shape[-1:])).view_as(x_t)
 
 
 def _modulate(x: Tensor, shift: Tensor, scale: Tensor) -> Tensor:

@@ -22,7 +22,6 @@ from torch import Tensor
 from lerobot_dexflex.conventions import FINGERTIPS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_policy_dexflex.lerobot_command import renamed
-from lerobot_policy_dexflex.normalization import N_TIP_NUMBERS
 
 NEXT_TIPS = "observation.next_fingertips"
 """Measured fingertips one step after each step of the action [m]. Shape (batch, chunk, 12)."""
@@ -102,11 +101,14 @@ def _read(reader: DatasetReader, column: str) -> _Tips:
     return _Tips(torch.from_numpy(numbers["index"]), torch.from_numpy(np.stack(numbers[column])))
 
 
-def learned_action(batch: Mapping[str, Tensor]) -> Tensor:
-    """Return a batch's action with the measured fingertips of the next step instead of the commanded ones.
+def measured_tips(batch: Mapping[str, Tensor]) -> Tensor:
+    """Return where the fingertips were measured one step after each of a batch's actions [m].
 
     Args:
-        batch: Holds `action` (batch, chunk, joints + 12) and `NEXT_TIPS`.
+        batch: Holds `NEXT_TIPS`.
+
+    Returns:
+        Shape (batch, chunk, 12).
 
     Raises:
         DexFlexError: If `NEXT_TIPS` are missing: the loader is not the one that `add_measured_tips` prepared.
@@ -115,17 +117,7 @@ def learned_action(batch: Mapping[str, Tensor]) -> Tensor:
         raise DexFlexError(
             f"The batch lacks {NEXT_TIPS!r}: measured fingertips are added to the items of a LeRobotDataset, "
             "not to a stream's, and to those of a held-out split only in this process. Give "
-            "--dataset.streaming=false --num_workers=0, or learn commanded ones: --policy.draft=commanded."
+            "--dataset.streaming=false --num_workers=0, or do not learn them: "
+            "--policy.learns=[joint,commanded]."
         )
-    return torch.cat([batch[ACTION][..., :-N_TIP_NUMBERS], batch[NEXT_TIPS]], -1)
-
-
-def learned_statistics(stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Return a dataset's statistics (`mean`, `std` per feature), of which action's are `learned_action`'s."""
-    action = {
-        name: np.concatenate(
-            [np.asarray(stats[ACTION][name])[:-N_TIP_NUMBERS], np.asarray(stats[FINGERTIPS][name])]
-        )
-        for name in ("mean", "std")
-    }
-    return {**stats, ACTION: action}
+    return batch[NEXT_TIPS]

@@ -1,4 +1,4 @@
-"""`--policy.type=dexflex_flow`: flow matching to action chunks, executed through an action interface."""
+"""`--policy.type=dexflex_flow`: flow matching to plans, of which every action interface executes its part."""
 
 import copy
 from collections.abc import Iterable, Mapping
@@ -10,7 +10,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION, OBS_STATE
 from torch import Tensor, nn
 
-from lerobot_dexflex.conventions import MEASURED
+from lerobot_dexflex.conventions import FINGERTIPS, GRAVITY, MEASURED, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_policy_dexflex.augmentation import jitter, shift_images, vary_light
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
@@ -20,6 +20,7 @@ from lerobot_policy_dexflex.compatibility import (
     check_observation,
     check_told_environment,
     shapes,
+    unread,
     warn_of_another_task,
 )
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
@@ -28,13 +29,14 @@ from lerobot_policy_dexflex.dataset_cache import cache_dataset
 from lerobot_policy_dexflex.encoders import Observation
 from lerobot_policy_dexflex.flow_network import LAST_TIME, FlowNetwork
 from lerobot_policy_dexflex.lerobot_command import renamed, resuming, worker_processes
-from lerobot_policy_dexflex.measured_tips import add_measured_tips, learned_action, learned_statistics
+from lerobot_policy_dexflex.measured_tips import add_measured_tips
 from lerobot_policy_dexflex.normalization import N_HAND_JOINTS, N_TIP_NUMBERS, Normalization, compress_touch
+from lerobot_policy_dexflex.plan import PlanLayout, PlanScale
 from lerobot_policy_dexflex.weights import load_weights
 
 
 class DexflexFlowPolicy(PreTrainedPolicy):
-    """Flow-matching policy whose hand commands pass through `config.interface`.
+    """Flow-matching policy whose plans for the hand pass through `config.interface`.
 
     `forward` trains `network`; `update`, called by LeRobot after every optimiser step, moves its running
     average, and everything in evaluation mode uses that average. Both are saved. An interface's controller is
@@ -46,14 +48,15 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         dataset_meta: Metadata of the training dataset; None outside of training.
 
     Raises:
-        DexFlexError: If the dataset is of another robot, the checkpoint of another action space, or dataset,
-            checkpoint and the environment of the running command do not fit each other.
+        DexFlexError: If the dataset is of another robot, the interface executes a part of the plan that is
+            not learned, or dataset, checkpoint and the environment of the running command do not fit.
     """
 
     config_class = DexflexFlowConfig  # pyright: ignore[reportAssignmentType]
     name = "dexflex_flow"  # pyright: ignore[reportAssignmentType]
     config: DexflexFlowConfig
     updates: Tensor
+    weights: Tensor
 
     def __init__(
         self,
@@ -65,30 +68,34 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         del kwargs
         super().__init__(config)
         config.validate_features()
-        action_space = config.settle_action_space()
+        part = config.executed_part()
         self._inputs = shapes(config.input_features)
         (n_joints,) = self._inputs[OBS_STATE]
         if dataset_meta is not None:
             self._use_dataset(dataset_meta)
         check_told_environment(self._inputs)
         check_action(n_joints, N_TIP_NUMBERS, config.output_features)
-        self._n_arm = n_joints - N_HAND_JOINTS
-        self.normalization = Normalization(n_joints, action_space, self._n_arm)
+        self.plan = PlanLayout(n_joints - N_HAND_JOINTS, config.learns)
+        self._executed = self.plan.columns(part)
+        self.normalization = Normalization(n_joints)
+        self.scale = PlanScale(config.chunk_size, self.plan)
         self.network = FlowNetwork(
             {key: tuple(feature.shape) for key, feature in config.image_features.items()},
             n_joints,
-            len(self.normalization.columns),
+            self.plan.size,
             config.chunk_size,
             config.dim,
             config.n_layers,
             config.n_heads,
             config.mlp_ratio,
             config.n_keypoints,
+            config.dropout,
         )
         self.average = copy.deepcopy(self.network).requires_grad_(False)
         self.register_buffer("updates", torch.zeros((), dtype=torch.int64))
+        self.register_buffer("weights", self.plan.weights(), persistent=False)
         interface = link_interface(config)
-        self.execution = ChunkExecution(interface, self._n_arm, config.n_action_steps)
+        self.execution = ChunkExecution(interface, self.plan.n_arm, config.n_action_steps)
         if dataset_stats is not None:
             self.begin_training(dataset_stats)
 
@@ -96,8 +103,9 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         check_dataset(meta, self._inputs)
         self.config.tasks = [str(task) for task in meta.tasks.index]
         if self.config.cache_dataset:
-            cache_dataset(meta, self.config.cache_gigabytes, worker_processes())
-        if self.config.draft == MEASURED:
+            left_out = unread(meta.features, self._inputs)
+            cache_dataset(meta, self.config.cache_gigabytes, worker_processes(), left_out)
+        if MEASURED in self.config.learns:
             add_measured_tips(meta)
 
     @classmethod
@@ -119,9 +127,9 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         return policy
 
     def begin_training(self, dataset_stats: Mapping[str, Any]) -> None:
-        """Take over a dataset's statistics and let the running average forget what came before."""
-        stats = renamed(dataset_stats)
-        self.normalization.fit(learned_statistics(stats) if self.config.draft == MEASURED else stats)
+        """Take over a dataset's statistics; scale of plans and running average forget what came before."""
+        self.normalization.fit(renamed(dataset_stats))
+        self.scale.begin()
         self.updates.zero_()
 
     @classmethod
@@ -151,21 +159,26 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         self.execution.reset()
 
     def forward(self, batch: dict[str, Any], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
-        """Return the flow-matching loss on `noise_draws` pairs of time and noise per sample.
+        """Return the error of the clean plan on `noise_draws` pairs of time and noise per sample.
+
+        It is the flow-matching loss with weight (1 - t)^2. See `PlanLayout.weights` for that of the numbers.
 
         Args:
             batch: Observation, `action` (batch, chunk_size, action) in raw units, `action_is_pad`; measured
-                fingertips if these are learned, see `measured_tips.learned_action`.
+                fingertips if these are learned, see `measured_tips.measured_tips`.
             reduction: `mean`, or `none` for one loss per sample.
         """
         network = self.network if self.training else self.average
-        action = learned_action(batch) if self.config.draft == MEASURED else batch[ACTION]
-        x_1 = self.normalization.action(action[..., self.normalization.columns])
-        t, x_0 = self._draw(x_1)
-        x_t = torch.lerp(x_0, x_1.expand_as(x_0), t[..., None, None])  # (draws, batch, chunk, dim)
-        velocity = network.velocity(x_t, t, network.encode(self._observe(batch)))
-        error = (velocity - (x_1 - x_0)).square().mean((0, 3))  # (batch, chunk)
+        observation, reference = self._observe(batch)
         valid = ~batch[f"{ACTION}_is_pad"]
+        relative = self.plan.targets(batch) - reference
+        if self.training:
+            self.scale.observe(relative, valid)
+        x_1 = self.scale(relative)
+        t, x_0 = self._draw(x_1)
+        x_t = torch.lerp(x_0, x_1.expand_as(x_0), t[..., None, None])  # (draws, batch, chunk, size)
+        clean = network.clean(x_t, t, network.encode(observation))
+        error = ((clean - x_1).square() * self.weights).sum(-1).mean(0)  # (batch, chunk)
         per_sample = (error * valid).sum(1) / valid.sum(1)
         if reduction == "none":
             return per_sample, {"flow_loss": per_sample.mean().item()}
@@ -179,12 +192,13 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         t = LAST_TIME * (stratum + torch.rand(draws, batch, device=x_1.device)) / draws
         return t, torch.randn(draws, *x_1.shape, device=x_1.device)
 
-    def _observe(self, batch: Mapping[str, Any]) -> Observation:
-        """Normalise an observation in raw units; augment it in training."""
+    def _observe(self, batch: Mapping[str, Any]) -> tuple[Observation, Tensor]:
+        """Normalise an observation in raw units, augmented in training; also return what plans start from."""
         config, normalize = self.config, self.normalization
         images = {key: 2 * batch[key] - 1 for key in config.image_features}
-        state, tips = batch[OBS_STATE], batch["observation.fingertips"]
+        state, tips = batch[OBS_STATE], batch[FINGERTIPS]
         missing = torch.zeros(len(state), dtype=torch.bool, device=state.device)
+        reference = self.plan.reference(state, tips)
         if self.training:
             images = {
                 key: shift_images(vary_light(image, config.brightness), config.image_shift)
@@ -192,40 +206,55 @@ class DexflexFlowPolicy(PreTrainedPolicy):
             }
             state, tips = jitter(state, config.state_noise), jitter(tips, config.fingertip_noise)
             missing = torch.rand(len(state), device=state.device) < config.touch_dropout
-        return Observation(
+        observation = Observation(
             images,
             normalize.state(state),
             normalize.fingertips(tips).unflatten(-1, (4, 3)),
-            batch["observation.gravity"],
-            compress_touch(batch["observation.tactile"], config.taxel_full_scale),
+            batch[GRAVITY],
+            compress_touch(batch[TACTILE], config.taxel_full_scale),
             missing,
         )
+        return observation, reference
 
     @torch.no_grad()
-    def predict_action_chunk(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, batch: Mapping[str, Any], noise: Tensor | None = None
-    ) -> Tensor:
-        """Integrate the flow from noise to a chunk, in raw units.
+    def predict_plan(self, batch: Mapping[str, Any], noise: Tensor | None = None) -> Tensor:
+        """Integrate the flow from noise to a plan of all learned parts, absolute and in raw units.
 
         Args:
             batch: Observation in raw units.
-            noise: Standard normal start; drawn if None. Shape (batch, chunk_size, action_dim).
+            noise: Standard normal start; drawn if None. Shape (batch, chunk_size, plan.size).
 
         Returns:
-            Arm joints [rad], then hand joints [rad] or fingertips [m]. Shape of `noise`.
+            Joints [rad] and fingertips [m] as `PlanLayout` says. Shape of `noise`.
         """
-        shape = (len(batch[OBS_STATE]), self.config.chunk_size, len(self.normalization.columns))
+        shape = (len(batch[OBS_STATE]), self.config.chunk_size, self.plan.size)
         if noise is None:
             noise = torch.randn(shape, device=batch[OBS_STATE].device)
         elif tuple(noise.shape) != shape:
             raise DexFlexError(f"`noise` must have shape {shape}. Got {tuple(noise.shape)}.")
         network = self.network if self.training else self.average
-        context = network.encode(self._observe(batch))
+        observation, reference = self._observe(batch)
+        context = network.encode(observation)
         x = noise.unsqueeze(0)
         for k in range(self.config.euler_steps):
             t = x.new_full(x.shape[:2], k / self.config.euler_steps)
-            x = x + network.velocity(x, t, context) / self.config.euler_steps
-        return self.normalization.action.inverse(x[0])
+            x = x + (network.clean(x, t, context) - x) / (self.config.euler_steps - k)
+        return reference + self.scale.inverse(x[0])
+
+    @torch.no_grad()
+    def predict_action_chunk(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, batch: Mapping[str, Any], noise: Tensor | None = None
+    ) -> Tensor:
+        """Return the interface's part of a plan, in raw units.
+
+        Args:
+            batch: Observation in raw units.
+            noise: See `predict_plan`.
+
+        Returns:
+            Arm joints [rad], then hand joints [rad] or fingertips [m]. Shape (batch, chunk_size, ...).
+        """
+        return self.predict_plan(batch, noise)[..., self._executed]
 
     @torch.no_grad()
     def select_action(  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -235,7 +264,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
 
         Args:
             batch: Observation in raw units; images are read only when a new chunk is planned.
-            noise: Start of the flow if this step plans a chunk; see `predict_action_chunk`.
+            noise: Start of the flow if this step plans a chunk; see `predict_plan`.
 
         Raises:
             DexFlexError: If the observation lacks an input or has it in another shape.

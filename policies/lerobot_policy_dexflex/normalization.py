@@ -1,4 +1,4 @@
-"""Bring actions and observations to unit scale and back; the statistics travel in the checkpoint."""
+"""Bring observations to unit scale; the statistics travel in the checkpoint. Plans: `plan.py`."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,7 +6,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from lerobot_dexflex.conventions import FINGERTIPS, STATE
 from lerobot_dexflex.hand import leap
+from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 MIN_ANGLE_STD = 0.01
 """A joint that hardly moves in the data is not blown up to unit scale [rad]."""
@@ -50,49 +52,36 @@ class Normalizer(nn.Module):
         """Normalise values (..., n_angles + 3 * n_tips)."""
         return (values - self.mean) / self.std
 
-    def inverse(self, values: Tensor) -> Tensor:
-        """Undo `forward`."""
-        return values * self.std + self.mean
-
 
 class Normalization(nn.Module):
-    """Normalizers of state, fingertips and the learned slice of the action.
+    """Normalizers of measured joints and fingertips.
 
     Args:
         n_joints: Joints of the robot, arm and hand.
-        action_space: `joint` or `draft`.
-        n_arm: Joints of the arm, which come first.
     """
 
-    def __init__(self, n_joints: int, action_space: str, n_arm: int) -> None:
+    def __init__(self, n_joints: int) -> None:
         super().__init__()
-        self.columns = action_columns(n_joints, action_space, n_arm)
         self.state = Normalizer(n_joints, 0)
         self.fingertips = Normalizer(0, 4)
-        tips = 4 if action_space == "draft" else 0
-        self.action = Normalizer(len(self.columns) - 3 * tips, tips)
 
     def fit(self, stats: Mapping[str, Mapping[str, Any]]) -> None:
         """Take over LeRobot's dataset statistics (`mean` and `std` per feature)."""
-        for normalizer, key, columns in (
-            (self.state, "observation.state", slice(None)),
-            (self.fingertips, "observation.fingertips", slice(None)),
-            (self.action, "action", self.columns),
-        ):
+        for normalizer, key in ((self.state, STATE), (self.fingertips, FINGERTIPS)):
             mean, std = (torch.as_tensor(stats[key][name], dtype=torch.float32) for name in ("mean", "std"))
-            normalizer.fit(mean[columns], std[columns])
+            normalizer.fit(mean, std)
 
 
-def action_columns(n_joints: int, action_space: str, n_arm: int) -> list[int]:
-    """Return the learned columns of the dataset's action: all joints, or arm joints and fingertips."""
-    if action_space == "joint":
+def action_columns(n_joints: int, command_space: CommandSpace, n_arm: int) -> list[int]:
+    """Return what an interface executes of a dataset's action: all joints, or arm joints and fingertips."""
+    if command_space == "joint":
         return list(range(n_joints))
     return [*range(n_arm), *range(n_joints, n_joints + N_TIP_NUMBERS)]
 
 
-def action_sizes(n_joints: int, action_space: str = "draft") -> tuple[int, int]:
+def action_sizes(n_joints: int, command_space: CommandSpace = "draft") -> tuple[int, int]:
     """Return the sizes of an action: of what an interface executes, and of a dataset's whole action."""
-    columns = action_columns(n_joints, action_space, n_joints - N_HAND_JOINTS)
+    columns = action_columns(n_joints, command_space, n_joints - N_HAND_JOINTS)
     return len(columns), n_joints + N_TIP_NUMBERS
 
 

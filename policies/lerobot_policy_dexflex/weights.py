@@ -23,7 +23,7 @@ def load_weights(policy: nn.Module, file: Path) -> None:
     except (OSError, RuntimeError, SafetensorError) as error:
         raise DexFlexError(
             f"The weights {file} cannot be loaded: {error}. Copy the checkpoint again if the file is "
-            "damaged; leave the network's settings, e.g. --policy.dim, as they were in training."
+            "damaged; leave --policy.learns and the network's settings, e.g. --policy.dim, as they were."
         ) from error
     broken = [name for name, value in weights.items() if not torch.isfinite(value).all()]
     if broken:

@@ -1,11 +1,14 @@
 """Errors on their way to an interface: drafts and planned joints, on any device."""
 
+import numpy as np
 import pytest
 import torch
 from elsewhere import ELSEWHERE, Elsewhere, moved
 
 from lerobot_dexflex.commands.disturbed import DisturbedInterface
 from lerobot_dexflex.commands.families import CommandErrors
+from lerobot_dexflex.commands.human import HumanErrors
+from lerobot_dexflex.commands.levels import LEVELS
 from lerobot_dexflex.commands.stream import ErrorStream, seeds_of
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, pads
@@ -203,6 +206,33 @@ def test_an_interface_under_removals_moves_the_hand_as_told():
     assert lifted["raw@0.5"] == pytest.approx([0.0, 0.001, 0.002], abs=1e-6)
 
 
+def test_a_person_below_a_policy_is_late_off_by_its_scale_and_loses_fingers():
+    errors = CommandErrors.parse("novice")
+    human = HumanErrors(LEVELS["novice"], np.random.default_rng(seeds_of(errors, SEED)[0]))
+    delay, scale, _ = human.person
+    drafts = [0.001 * k + torch.zeros(1, 8, 4, 3, dtype=torch.float64) for k in range(300)]
+    seen, lost, kept = heard(errors, drafts), 0, None
+    for k, draft in enumerate(seen):
+        human.advance()
+        expected = scale * drafts[max(k - delay, 0)][0] + torch.from_numpy(human.offset)
+        if human.finger is not None and kept is not None:
+            expected[:, human.finger] = kept[human.finger]
+            lost += 1
+        torch.testing.assert_close(draft[0], expected, atol=1e-9, rtol=0)
+        kept = draft[0, 0]
+    assert lost >= 12  # Twice in 15 s, for at least .3 s.
+
+
+def test_late_joints_of_a_person_are_old_joints_but_for_its_offsets():
+    plans = [JOINTS.view(1, 1, 16).repeat(1, 8, 1) + 0.004 * k for k in range(12)]
+    seen = heard(CommandErrors.parse("steady"), plans, command_space="joint")
+    tips = [fingertips(plan[0, :1]) for plan in plans]
+    for k in range(3, 12):
+        got = fingertips(seen[k][0, :1])
+        assert (got - tips[k - 1]).norm() < 0.006
+        assert not torch.equal(seen[k], plans[k - 1])
+
+
 def test_hands_without_a_seed_and_removals_without_touch_are_refused():
     disturbed = DisturbedInterface(Listener(), REMOVAL)
     draft = torch.zeros(1, 8, 4, 3)
@@ -217,7 +247,7 @@ def test_hands_without_a_seed_and_removals_without_touch_are_refused():
 @pytest.mark.parametrize("command_space", ["draft", "joint"])
 @pytest.mark.parametrize(
     "name",
-    ["noise_2mm+bias_1mm", "scale_1.5", "delay_2", "removal_2mm", "freeze_5", "dropout_5"],
+    ["noise_2mm+bias_1mm", "scale_1.5", "delay_2", "removal_2mm", "freeze_5", "dropout_5", "novice"],
 )
 def test_errors_stay_on_the_drafts_device_and_are_those_of_the_cpu(name, command_space):
     errors = CommandErrors.parse(name)

@@ -64,6 +64,16 @@ def test_another_seed_gives_other_errors(chains):
     assert np.abs((first.draft - first.label) - (second.draft - second.label)).max() > 1e-4
 
 
+def test_people_lead_in_the_hand_too_each_chain_another(chains):
+    errors = CommandErrors.parse("typical")
+    first, second = run_chains(chains[:2], errors, make_interface("press:2.5"), max_steps=STEPS)
+    for episode in (first, second):
+        assert 5e-4 < np.abs(episode.draft - episode.label)[5:].max() < 0.02
+    assert np.abs((first.draft - first.label)[0] - (second.draft - second.label)[0]).max() > 1e-4
+    (again,) = run_chains(chains[:1], errors, make_interface("press:2.5"), max_steps=STEPS)
+    same(first, again, "draft", "goal_error")
+
+
 def test_chains_may_have_errors_of_their_own(chains):
     removal = CommandErrors.of(removal=0.002)
     first, second = run_chains(chains[:2], [removal, NO_ERRORS], make_interface("press:2.5"), max_steps=STEPS)

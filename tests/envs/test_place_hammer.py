@@ -46,3 +46,25 @@ def test_the_hammer_has_the_mass_and_size_of_its_episode(env):
     assert env.model.geom("hammer_handle").size[0] == env.episode.handle_radius
     assert env.model.geom("hammer_head").pos[2] == HEAD_CENTRE
     assert env.model.geom("if_tip").friction[0] == env.episode.tip_friction
+
+
+def test_most_of_the_mass_is_in_the_handle(env):
+    env.reset(seed=SEED)
+    # The handle's centre is the body's origin: 40 % of the mass is at the head.
+    assert env.model.body("hammer").ipos[2] == pytest.approx(0.4 * HEAD_CENTRE)
+
+
+def test_the_hammer_lies_level_along_its_turned_cradle_and_stays(env):
+    for seed in range(4):
+        env.reset(seed=seed)
+        yaw = env.episode.cradle[2] + env.episode.hammer_yaw
+        assert np.allclose(env.hammer_pose[1][:, 2], (np.cos(yaw), np.sin(yaw), 0), atol=1e-6)
+        for _ in range(20):
+            env.step(env.command)
+        assert np.arccos(env.hammer_pose[1][:, 2] @ (np.cos(yaw), np.sin(yaw), 0)) < 0.05
+
+
+def test_cradles_are_turned_by_up_to_two_fifths_of_a_radian(env):
+    yaws = [env._sample_episode(np.random.default_rng(seed)).cradle[2] for seed in range(300)]
+    assert -0.4 < min(yaws) < -0.37
+    assert 0.37 < max(yaws) < 0.4

@@ -16,8 +16,8 @@ def script(load_script):
         (["--tasks=PourTea-v0"], f"Unknown task 'PourTea-v0'. Valid tasks: {', '.join(TASKS)}."),
         (["--methods=joint,telepathy"], "Unknown interface 'telepathy'"),
         (
-            ["--joint_policy=/nowhere"],
-            "No joint checkpoint at /nowhere: config.json, model.safetensors",
+            ["--policy=/nowhere"],
+            "No checkpoint at /nowhere: config.json, model.safetensors",
         ),
         (["--workers=-1"], "`workers` must not be negative. Got -1."),
         (["--episodes=-1"], "`episodes` must not be negative. Got -1."),
@@ -25,11 +25,15 @@ def script(load_script):
         (["--policies=dexflex"], "must look like dexflex=<folder>,raw=<folder>. Got 'dexflex'"),
         (["--policies=telepathy=x"], "Unknown interface 'telepathy'"),
         (["--policies=raw=x,raw=y"], "`policies` holds raw twice"),
-        (["--policies=raw=/nowhere", "--methods=raw"], "No draft checkpoint at /nowhere"),
-        (["--backbone=x", "--policies=raw=y"], "Give one of --operator, --backbone, which serves all"),
+        (["--policies=raw=/nowhere", "--methods=raw"], "No checkpoint at /nowhere"),
+        (["--backbone=x", "--policies=raw=y"], "Give one of --operator, --backbone, or our policies"),
         (["--backbone=/nowhere"], "No checkpoint at /nowhere"),
         (["--operator", "--policies=raw=y"], "Give one of --operator, --backbone"),
-        (["--operator", "--methods=joint"], "one that reads drafts: raw, press"),
+        (["--operator", "--source=squeeze"], "`source` must be one of motion, pressing. Got 'squeeze'"),
+        (["--source=pressing"], "Give --operator=true as well"),
+        (["--conditions=typical+novice"], "a person has one level"),
+        (["--operator", "--draft=measured"], "Give one of --operator, --backbone"),
+        (["--draft=felt"], "`draft` must be measured or commanded. Got 'felt'"),
         (["--tasks=PourCup-v0,PlaceHammer-v0", "--backbone=x"], "A policy learned one task"),
         (["--conditions=removal_-1mm"], "Got -0.001"),
         (
@@ -50,19 +54,29 @@ def test_bad_input_gets_one_clear_line(script, capsys, tmp_path, monkeypatch, ar
 
 
 def test_the_shipped_checkpoints_are_named_after_the_task(script):
-    assert script.shipped("PlaceHammer-v0", "draft").parts[-3:] == (
-        "policies",
-        "checkpoints",
-        "place_hammer_draft",
-    )
+    assert script.shipped("PlaceHammer-v0").parts[-3:] == ("policies", "checkpoints", "place_hammer")
 
 
-def test_rows_are_labelled_by_who_acts(script):
-    assert script.build(script.Config(methods="raw")).label == ""
+def test_rows_are_labelled_by_who_acts(script, policy_checkpoint):
+    ours = {"methods": "raw", "policy": policy_checkpoint}
+    assert script.build(script.Config(**ours)).label == ""
+    assert script.build(script.Config(**ours, draft="measured")).label == ""
+    assert script.build(script.Config(**ours, draft="commanded")).label == "commanded"
     assert script.build(script.Config(methods="raw", operator=True)).label == "operator"
-    assert script.build(script.Config(methods="raw", label="glove")).label == "glove"
-    folder = script.shipped("PlaceHammer-v0", "draft")
-    assert script.build(script.Config(methods="raw", backbone=folder)).label == "dexflex_flow"
+    pressing = script.build(script.Config(methods="joint,raw", operator=True, source="pressing"))
+    assert pressing.label == "operator-pressing"
+    assert pressing.players["PlaceHammer-v0"].source == "pressing"
+    assert script.build(script.Config(**ours, label="glove")).label == "glove"
+    assert script.build(script.Config(methods="raw", backbone=policy_checkpoint)).label == "dexflex_flow"
+
+
+def test_one_policy_serves_all_methods_and_own_ones_come_first(script, policy_checkpoint):
+    config = script.Config(policy=policy_checkpoint, draft="commanded", policies="raw=elsewhere")
+    players = script.players(config, "PlaceHammer-v0")
+    assert [players.checkpoint(name) for name in ("joint", "press")] == [policy_checkpoint] * 2
+    assert players.checkpoint("raw") == Path("elsewhere")
+    assert players.draft == "commanded"
+    assert script.players(script.Config(), "PourCup-v0").checkpoint("raw") == script.shipped("PourCup-v0")
 
 
 def test_the_demo_suggests_the_command_that_extends_it(script, monkeypatch):

@@ -12,6 +12,8 @@ from lerobot_dexflex.evaluation.conditions import Condition
         "noise_4mm",
         "removal_2mm+heavy",
         "verified",
+        "typical",
+        "delay_2+typical+heavy",
         "delay_2+pressing",
         "noise_2mm+delay_2+pressing+verified",
     ],

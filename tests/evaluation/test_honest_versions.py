@@ -42,9 +42,7 @@ def compare(players, method, cameras, seed=0):
 def policy():
     from lerobot_dexflex.evaluation.policies import LeRobotPolicies
 
-    folder = Path("policies/checkpoints")
-    players = LeRobotPolicies(folder / "place_hammer_joint", folder / "place_hammer_draft")
-    return compare(players, "dexflex", cameras=True)
+    return compare(LeRobotPolicies(Path(sys.argv[3])), "dexflex", cameras=True)
 
 
 def operator():
@@ -74,8 +72,8 @@ print(*sorted(loaded - set(provenance.imported(given))))
 
 
 @pytest.mark.parametrize("kind", ["policy", "operator", "replay", "expert"])
-def test_a_version_counts_every_module_that_a_job_loads(kind, tmp_path):
-    words = [sys.executable, "-c", SCRIPT, str(tmp_path), kind]
+def test_a_version_counts_every_module_that_a_job_loads(kind, tmp_path, policy_checkpoint):
+    words = [sys.executable, "-c", SCRIPT, str(tmp_path), kind, str(policy_checkpoint)]
     run = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
     assert [name for name in run.stdout.split() if not name.startswith(HARMLESS)] == []

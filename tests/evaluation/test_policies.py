@@ -6,9 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from lerobot.configs import FeatureType
-from lerobot.envs.utils import env_to_policy_features
-from lerobot.policies.factory import make_pre_post_processors
 
 from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.errors import DexFlexError
@@ -16,38 +13,12 @@ from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.policies import LeRobotPolicies
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces.method import make_interface
-from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
-from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig
-from lerobot_policy_dexflex.modeling_dexflex_flow import DexflexFlowPolicy
 
 
 @pytest.fixture(scope="module")
-def policies(tmp_path_factory):
-    """Checkpoints of both action spaces with random weights."""
-    folder = tmp_path_factory.mktemp("checkpoints")
-    features = env_to_policy_features(DexflexEnvConfig())
-    statistics = {"mean": 0.0, "std": 0.3, "min": -0.5, "max": 0.5}
-    sizes = {"action": 35, "observation.state": 23, "observation.fingertips": 12}
-    stats = {key: {s: torch.full((n,), v) for s, v in statistics.items()} for key, n in sizes.items()}
-    # Plans that a hand can follow: interfaces keep commands near to what it can reach.
-    tips = fingertips(torch.full((1, 16), 0.3)).flatten()
-    stats["action"] = {
-        "mean": torch.cat([torch.full((23,), 0.3), tips]),
-        "std": torch.cat([torch.full((23,), 0.03), torch.full((12,), 0.002)]),
-        "min": torch.cat([torch.full((23,), 0.2), tips - 0.005]),
-        "max": torch.cat([torch.full((23,), 0.4), tips + 0.005]),
-    }
-    for space, interface in (("joint", "joint"), ("draft", "raw")):
-        config = DexflexFlowConfig(interface=interface, device="cpu", dim=32, n_layers=1)
-        config.input_features = {k: f for k, f in features.items() if f.type is not FeatureType.ACTION}
-        config.output_features = {k: f for k, f in features.items() if f.type is FeatureType.ACTION}
-        policy = DexflexFlowPolicy(config, dataset_stats=stats)
-        # Its output layer starts at zero: every untrained plan would be the mean, whatever the noise.
-        torch.nn.init.normal_(policy.average.action_out.weight, std=0.3)
-        policy.save_pretrained(folder / space)
-        for processor in make_pre_post_processors(config):
-            processor.save_pretrained(folder / space)
-    return LeRobotPolicies(folder / "joint", folder / "draft")
+def policies(policy_checkpoint):
+    """One checkpoint with random weights under all methods; fingertips of plans start from measured ones."""
+    return LeRobotPolicies(policy_checkpoint)
 
 
 def observation(rows):
@@ -55,12 +26,13 @@ def observation(rows):
     images = {
         name: rng.integers(0, 255, (1, 96, 96, 3), np.uint8).repeat(rows, 0) for name in ("front", "wrist")
     }
-    vectors = {"agent_pos": np.full((rows, 23), 0.3), "tactile": np.zeros((rows, 240))}
-    more = {"fingertips": np.full((rows, 12), 0.05), "gravity": np.tile([0.0, 0, -1], (rows, 1))}
+    vectors = {"agent_pos": np.full((rows, 23), 0.3), "tactile": np.full((rows, 240), 0.01)}
+    tips = fingertips(torch.full((rows, 16), 0.3)).flatten(1).numpy()
+    more = {"fingertips": tips, "gravity": np.tile([0.0, 0, -1], (rows, 1))}
     return {"pixels": images} | {key: value.astype(np.float32) for key, value in (vectors | more).items()}
 
 
-def act(controller, seeds, steps=10):
+def act(controller, seeds, steps=18):
     """Act past a second planning; shape (steps, rows, 23)."""
     controller.reset(seeds)
     return np.stack([controller.act(observation(len(seeds)), "task") for _ in range(steps)])
@@ -70,16 +42,31 @@ def act(controller, seeds, steps=10):
 def test_a_seed_repeats_its_episode_bit_for_bit_and_another_differs(policies, interface):
     controller = policies(interface)
     first, other, again = act(controller, [5]), act(controller, [6]), act(controller, [5])
-    assert first.shape == (10, 1, 23)
+    assert first.shape == (18, 1, 23)
     np.testing.assert_array_equal(first, again)
     assert np.abs(first[0] - other[0]).max() > 1e-3
 
 
-def test_interfaces_that_read_drafts_get_the_same_plan(policies):
+@pytest.mark.parametrize("other", ["raw@0.5", "joint"])
+def test_all_interfaces_get_the_same_plan(policies, other):
     # Arm targets come straight from the plan; only the hand differs.
-    raw, damped = act(policies("raw"), [5]), act(policies("raw@0.5"), [5])
-    np.testing.assert_array_equal(raw[..., :7], damped[..., :7])
-    assert np.abs(raw[..., 7:] - damped[..., 7:]).max() > 1e-3
+    raw, others = act(policies("raw"), [5]), act(policies(other), [5])
+    np.testing.assert_array_equal(raw[..., :7], others[..., :7])
+    assert np.abs(raw[..., 7:] - others[..., 7:]).max() > 1e-3
+
+
+def test_drafts_lead_to_measured_or_to_commanded_fingertips_of_the_same_plan(policies):
+    measured, commanded = policies("raw"), replace(policies, draft="commanded")("raw")
+    a, b = act(measured, [5]), act(commanded, [5])
+    np.testing.assert_array_equal(a[..., :7], b[..., :7])
+    assert np.abs(a[..., 7:] - b[..., 7:]).max() > 1e-3
+    np.testing.assert_array_equal(act(replace(policies, draft="measured")("raw"), [5]), a)
+    versions = [
+        replace(policies, draft=d).version("raw", "PourCup-v0") for d in ("", "measured", "commanded")
+    ]
+    assert versions[0] == versions[1] != versions[2]
+    joint = [replace(policies, draft=d).version("joint", "PourCup-v0") for d in ("", "commanded")]
+    assert joint[0] == joint[1]
 
 
 def test_a_row_does_not_depend_on_its_neighbours_noise(policies):
@@ -118,11 +105,11 @@ def test_a_version_holds_checkpoint_plugin_task_and_settings(policies):
     raw, same = (policies.version("raw", "PlaceHammer-v0", batch_size=1) for _ in range(2))
     assert raw == same
     assert policies.version("press", "PlaceHammer-v0", batch_size=1).weights == raw.weights
-    assert policies.version("joint", "PlaceHammer-v0", batch_size=1).weights != raw.weights
+    assert policies.version("joint", "PlaceHammer-v0", batch_size=1).weights == raw.weights
     assert policies.version("raw", "PourCup-v0", batch_size=1).code != raw.code
     assert policies.version("press", "PlaceHammer-v0", batch_size=1).code != raw.code
     assert policies.version("raw", "PlaceHammer-v0", batch_size=2).name != raw.name
-    assert "device=cpu" in raw.settings
+    assert "device=cpu executes=measured" in raw.settings
 
 
 @pytest.mark.parametrize(
@@ -141,18 +128,20 @@ def test_a_byte_in_any_module_that_plays_changes_the_version(policies, monkeypat
     assert policies.version("raw", "PlaceHammer-v0").code != before.code
 
 
-def test_a_method_can_have_a_checkpoint_of_its_own(policies):
+def test_a_method_can_have_a_checkpoint_of_its_own(policies, make_policy_checkpoint):
     nowhere = Path("/nowhere")
-    both = LeRobotPolicies(policies.joint, nowhere, own=(("raw", policies.draft), ("press", policies.draft)))
-    both.check(["joint", "raw", "press"])  # The shared draft checkpoint is not needed.
+    both = LeRobotPolicies(nowhere, own=(("raw", policies.policy), ("press", policies.policy)))
+    both.check(["raw", "press"])  # The shared checkpoint is not needed.
     assert both.version("raw", "PourCup-v0") == policies.version("raw", "PourCup-v0")
     np.testing.assert_array_equal(act(both("raw"), [5]), act(policies("raw"), [5]))
-    with pytest.raises(DexFlexError, match="No draft checkpoint at /nowhere"):
+    with pytest.raises(DexFlexError, match="No checkpoint at /nowhere"):
         both.check(["raw", "press", "raw@0.5"])
-    with pytest.raises(DexFlexError, match="A checkpoint is given for press, but compared are joint, raw"):
-        both.check(["joint", "raw"])
-    with pytest.raises(DexFlexError, match="learned the action space 'joint'"):
-        replace(both, own=(("raw", policies.joint),)).check(["raw"])
+    with pytest.raises(DexFlexError, match="A checkpoint is given for press, but compared are raw"):
+        both.check(["raw"])
+    motion = make_policy_checkpoint(learns=["measured"])
+    replace(policies, own=(("raw", motion),)).check(["joint", "raw"])
+    with pytest.raises(DexFlexError, match=r"executes joint targets, but .* measured fingertips only"):
+        replace(policies, own=(("joint", motion),)).check(["joint"])
 
 
 @pytest.mark.parametrize("method", ["dexgen", "dexflex"])
@@ -173,9 +162,9 @@ def test_a_comparison_without_its_controller_is_refused(policies, tmp_path):
 
 
 def test_the_card_of_a_checkpoint_is_not_its_version_but_its_configuration_is(policies, tmp_path):
-    shutil.copytree(policies.draft, tmp_path, dirs_exist_ok=True)
-    config = json.loads((policies.draft / "config.json").read_text())
-    copied = LeRobotPolicies(tmp_path, tmp_path)
+    shutil.copytree(policies.policy, tmp_path, dirs_exist_ok=True)
+    config = json.loads((policies.policy / "config.json").read_text())
+    copied = LeRobotPolicies(tmp_path)
     (tmp_path / "config.json").write_text(json.dumps(config))
     before = copied.version("raw", "PourCup-v0")
     (tmp_path / "README.md").write_text("A card.")
@@ -184,46 +173,76 @@ def test_the_card_of_a_checkpoint_is_not_its_version_but_its_configuration_is(po
     assert copied.version("raw", "PourCup-v0") != before
 
 
-def test_a_checkpoint_of_another_action_space_is_refused(policies):
-    swapped = LeRobotPolicies(policies.draft, policies.joint)
-    message = "learned the action space 'draft', but this interface executes 'joint'"
-    with pytest.raises(DexFlexError, match=message):
-        swapped.check(["joint"])
-    with pytest.raises(DexFlexError, match=message):
-        swapped.version("joint", "PourCup-v0")
-
-
-def test_a_checkpoint_of_drafts_that_does_not_tell_which_is_refused(policies, tmp_path):
-    shutil.copytree(policies.draft, tmp_path, dirs_exist_ok=True)
+@pytest.mark.parametrize(
+    ("learns", "draft", "method", "message"),
+    [
+        (["measured"], "", "joint", r"'joint' executes joint targets, but .* Choose --policy.interface=raw"),
+        (["joint"], "", "raw", r"'raw' executes measured fingertips, but .* Choose --policy.interface=joint"),
+        (["joint", "measured"], "commanded", "press", r"Choose --policy.draft=measured, or .*=\[joint,comm"),
+    ],
+)
+def test_a_part_that_was_not_learned_is_refused_with_the_choices(
+    policies, tmp_path, learns, draft, method, message
+):
+    shutil.copytree(policies.policy, tmp_path, dirs_exist_ok=True)
     config = json.loads((tmp_path / "config.json").read_text())
-    del config["draft"]
-    (tmp_path / "config.json").write_text(json.dumps(config))
-    with pytest.raises(DexFlexError, match=r'config.json: This .*Write `"draft": "commanded"` into its'):
-        LeRobotPolicies(policies.joint, tmp_path).check(["joint", "raw"])
-
-
-@pytest.mark.parametrize("task", ["pour_cup", "place_hammer", "assemble_table"])
-def test_the_shipped_checkpoints_are_accepted(task):
-    shipped = Path(__file__).parents[2] / "policies/checkpoints"
-    LeRobotPolicies(shipped / f"{task}_joint", shipped / f"{task}_draft").check(["joint", "raw"])
-
-
-def test_a_missing_checkpoint_says_how_to_train_it(policies, tmp_path):
-    with pytest.raises(
-        DexFlexError, match=r"No draft checkpoint at .*lerobot-train .*--policy.interface=raw"
+    (tmp_path / "config.json").write_text(json.dumps(config | {"learns": learns}))
+    players = LeRobotPolicies(tmp_path, draft)
+    for refused in (
+        players.check,
+        lambda names: players.version(names[0], "PourCup-v0"),
+        lambda n: players(n[0]),
     ):
-        LeRobotPolicies(policies.joint, tmp_path).check(["joint", "raw"])
+        with pytest.raises(DexFlexError, match=message):
+            refused([method])
+
+
+def test_commanded_fingertips_are_executed_where_only_they_were_learned(make_policy_checkpoint):
+    players = LeRobotPolicies(make_policy_checkpoint(learns=["commanded"]))
+    assert "executes=commanded" in players.version("raw", "PourCup-v0").settings
+    assert act(players("raw"), [5], steps=1).shape == (1, 1, 23)
+
+
+def test_a_checkpoint_of_the_old_layout_is_refused_with_the_command_that_trains_a_new_one(policies, tmp_path):
+    from draccus.utils import ParsingError
+    from lerobot.configs import PreTrainedConfig
+
+    shutil.copytree(policies.policy, tmp_path, dirs_exist_ok=True)
+    config = json.loads((tmp_path / "config.json").read_text())
+    del config["learns"]
+    (tmp_path / "config.json").write_text(json.dumps(config | {"action_space": "draft", "draft": "measured"}))
+    message = (
+        r"one policy learned all parts.*Train again: lerobot-train --config_path=configs/policy/place_ham"
+    )
+    with pytest.raises(DexFlexError, match=message):
+        LeRobotPolicies(tmp_path).check(["raw"])
+    with pytest.raises(DexFlexError, match=message):
+        LeRobotPolicies(tmp_path)("raw")
+    with pytest.raises(ParsingError, match=message):
+        PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=raw"])
+
+
+def test_a_checkpoint_of_another_policy_is_not_ours(policies, tmp_path):
+    shutil.copytree(policies.policy, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "config.json").write_text('{"type": "act"}')
+    with pytest.raises(DexFlexError, match=r"type 'act', not 'dexflex_flow'. Give it as --backbone="):
+        LeRobotPolicies(tmp_path).check(["raw"])
+
+
+def test_a_missing_checkpoint_says_how_to_train_it(tmp_path):
+    with pytest.raises(DexFlexError, match=r"No checkpoint at .*lerobot-train --config_path=configs/policy/"):
+        LeRobotPolicies(tmp_path).check(["joint", "raw"])
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]"])
 def test_a_damaged_configuration_is_refused_by_its_name(policies, tmp_path, text):
-    shutil.copytree(policies.draft, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(policies.policy, tmp_path, dirs_exist_ok=True)
     (tmp_path / "config.json").write_text(text)
     with pytest.raises(DexFlexError, match=r"config\.json is damaged"):
-        LeRobotPolicies(policies.joint, tmp_path).check(["raw"])
+        LeRobotPolicies(tmp_path).check(["raw"])
 
 
-def drafts(controller, steps=10):
+def drafts(controller, steps=18):
     """Return the first steps of the drafts of an episode past a second planning, (steps, 4, 3)."""
     controller.reset([5])
     found = []

@@ -9,20 +9,19 @@ from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies
 from lerobot_dexflex.evaluation.policy_files import POLICY_FILES, check_policy_files
 from lerobot_dexflex.interfaces import Method
 
-SHIPPED = Path(__file__).parents[2] / "policies/checkpoints/pour_cup_draft"
+SHIPPED = Path(__file__).parents[2] / "policies/checkpoints"
 STATE = "policy_preprocessor_step_3_normalizer_processor.safetensors"
 
 
 @pytest.fixture
-def folder(tmp_path):
-    return Path(shutil.copytree(SHIPPED, tmp_path / "checkpoint"))
+def folder(policy_checkpoint, tmp_path):
+    return Path(shutil.copytree(policy_checkpoint, tmp_path / "checkpoint"))
 
 
 def test_every_shipped_policy_is_whole():
-    shipped = [path.parent for path in SHIPPED.parent.glob("*/policy_preprocessor.json")]
-    assert len(shipped) == 6
-    for checkpoint in shipped:
-        check_policy_files(checkpoint)
+    for file in SHIPPED.glob("*/policy_preprocessor.json"):
+        check_policy_files(file.parent)
+        LeRobotPolicies(file.parent).check(["joint", "raw"])
 
 
 @pytest.mark.parametrize("name", [*POLICY_FILES, STATE])
@@ -37,7 +36,7 @@ def test_a_checkpoint_with_a_damaged_file_is_refused_by_the_files_name(folder, n
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
         check_policy_files(folder)
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
-        LeRobotPolicies(folder, folder).check(["raw"])
+        LeRobotPolicies(folder).check(["raw"])
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
         AdaptedPolicies(folder).check(["raw"])
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):

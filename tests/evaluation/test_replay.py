@@ -78,17 +78,19 @@ def test_raw_asks_for_the_recorded_fingertips_from_wherever_the_hand_is_measured
         np.testing.assert_allclose((here + motion).reshape(-1), actions[k, 23:], atol=1e-7)
 
 
-def test_raw_reproduces_the_joint_targets_whose_fingertips_were_recorded():
-    """Of a real demonstration, measured joints included: what `raw` solves is what was recorded."""
+def test_raw_reproduces_the_fingertips_that_were_recorded():
+    """Of a real demonstration, in its own posture: `raw` leads the tips to where they were commanded."""
     table = pq.read_table(next((ROOT / "datasets/place_hammer").glob("data/*/*.parquet")))
     first = table["episode_index"].to_numpy() == 0
     recorded, states = (np.stack(table[key].to_numpy()[first]) for key in ("action", "observation.state"))
     controller = ReplayController(recorded, "raw")
     controller.reset([0])
     played = np.concatenate([controller.act({"agent_pos": state[None]}, "task") for state in states])
-    off = np.abs(played - recorded[:, :23])
-    assert off[:, :7].max() < 1e-6
-    assert off[:, 7:].max() < 2e-4
+    np.testing.assert_allclose(played[:, :7], recorded[:, :7], atol=1e-6)
+    tips = fingertips(torch.from_numpy(played[:, 7:]).double()).numpy()
+    off = np.linalg.norm(tips - recorded[:, 23:].reshape(-1, 4, 3), axis=-1)
+    assert np.median(off) < 3e-4  # The posture tie leaves some out.
+    assert off.max() < 2.5e-3
 
 
 def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):

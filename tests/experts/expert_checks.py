@@ -21,33 +21,64 @@ class Demonstration(NamedTuple):
     infos: list[dict]
     forces: np.ndarray
     """Normal force on each fingertip [N]. Shape (steps, 4)."""
+    tips: np.ndarray
+    """Measured fingertips after each step, palm frame [m]. Shape (steps, 4, 3)."""
+    positions: np.ndarray
+    """Where the tool's body was in the palm after each step [m]. Shape (steps, 3)."""
+    rotations: np.ndarray
+    """How it was turned there. Shape (steps, 3, 3)."""
 
     @property
     def progress(self) -> np.ndarray:
         return np.array([info["progress"] for info in self.infos])
+
+    def during(self, first: int, end: int) -> np.ndarray:
+        """Which steps had taken stage `first` of six, but not `end`."""
+        return (self.progress >= first / 6 - 1e-9) & (self.progress < end / 6 - 1e-9)
 
 
 def make_env(task: str) -> Any:
     return gymnasium.make(f"{NAMESPACE}/{task}", cameras=()).unwrapped
 
 
-@cache
-def demonstrate(task: str, seed: int = SEED) -> Demonstration:
-    """Let the expert of a task do the episode of a seed, once per process."""
+def run_expert(task: str, seed: int) -> Demonstration:
+    """Let the expert of a task do the episode of a seed."""
     env = make_env(task)
     env.reset(seed=seed)
-    commands, infos, forces = [], [], []
+    commands, rows = [], []
     for command in make_expert(task)(env, np.random.default_rng(seed)):
         commands.append(command)
         *_, done, _, info = env.step(command.executed)
-        infos.append(info)
-        forces.append(env.pad_forces)
+        palm, body = env.data.body("palm"), env.data.body(env.manipulated)
+        rotation = palm.xmat.reshape(3, 3)
+        tips = np.array([env.data.site(f"{finger}_tip").xpos for finger in ("if", "mf", "rf", "th")])
+        rows.append(
+            (
+                info,
+                env.pad_forces,
+                (tips - palm.xpos) @ rotation,
+                rotation.T @ (body.xpos - palm.xpos),
+                rotation.T @ body.xmat.reshape(3, 3),
+            )
+        )
         if done:
             break
-    return Demonstration(env, commands, infos, np.array(forces))
+    infos, *arrays = zip(*rows, strict=True)
+    return Demonstration(env, commands, list(infos), *map(np.array, arrays))
+
+
+@cache
+def demonstrate(task: str, seed: int = SEED) -> Demonstration:
+    """Return the demonstration of a seed, which runs once per process."""
+    return run_expert(task, seed)
+
+
+def angle_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the angle between unit vectors [rad], over the last axis."""
+    return np.arccos(np.clip((first * second).sum(-1), -1, 1))
 
 
 def pads_of(hand_joints) -> tuple[np.ndarray, np.ndarray]:
     """Return centres [m] and outward normals of the pads in the palm frame, each (4, 3)."""
-    centres, normals = pads(torch.tensor([hand_joints], dtype=torch.float64))
+    centres, normals = pads(torch.tensor(np.array([hand_joints]), dtype=torch.float64))
     return centres[0].numpy(), normals[0].numpy()

@@ -1,15 +1,11 @@
-"""Fingertips and joints turn into each other, and the unsteadiness is as documented."""
+"""The pieces of an expert's motion are as documented."""
 
 import numpy as np
 import pytest
 
-from lerobot_dexflex.experts.command import (
-    FingertipExecutor,
-    Unsteadiness,
-    fingertips_of,
-    min_jerk,
-)
-from lerobot_dexflex.experts.place_hammer import HAND_TOUCH
+from lerobot_dexflex.experts.command import Unsteadiness, fingertips_of, min_jerk
+from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS
+from lerobot_dexflex.hand.kernels import fingertips
 
 
 def test_unsteadiness_has_the_documented_size_and_correlation():
@@ -19,11 +15,17 @@ def test_unsteadiness_has_the_documented_size_and_correlation():
     assert np.corrcoef(values[:-1].ravel(), values[1:].ravel())[0, 1] == pytest.approx(0.9, abs=0.02)
 
 
+def test_a_share_scales_unsteadiness_without_changing_its_course():
+    steady, shaking = (Unsteadiness(np.random.default_rng(0), np.full(4, 0.01)) for _ in range(2))
+    for _ in range(5):
+        assert np.allclose(steady.step(0.25), 0.25 * shaking.step())
+
+
 def test_min_jerk_starts_and_ends_at_rest_and_is_symmetric():
     assert [min_jerk(0), min_jerk(0.5), min_jerk(1)] == [0, 0.5, 1]
     assert min_jerk(0.01) < 1e-4
 
 
-def test_fingertips_and_executor_are_inverse_near_the_posture():
-    joints = np.array(HAND_TOUCH)
-    assert np.allclose(FingertipExecutor(joints).step(fingertips_of(joints)), joints, atol=1e-9)
+def test_fingertips_of_joints_agree_with_the_kernel():
+    joints = np.array(NOMINAL_JOINTS)
+    assert np.allclose(fingertips_of(joints), fingertips(joints), atol=1e-9)

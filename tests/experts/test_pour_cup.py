@@ -1,4 +1,4 @@
-"""How the expert of PourCup holds the pitcher, and pours."""
+"""How the operator holds the pitcher, tips it in the hand, and pours."""
 
 import numpy as np
 import pytest
@@ -10,10 +10,15 @@ from lerobot_dexflex.experts.pour_cup import (
     GRASP_CENTRE,
     GRASP_TURN,
     HAND_TOUCH,
+    PALM_IN_PITCHER,
     SPILL_TILT,
+    TIPPED,
     pouring_pose,
 )
+from lerobot_dexflex.hand.arm import rotation_vector
 
+NO_MIDDLE = 7
+"""Seed of a pitcher that is gripped without the middle finger."""
 MAX_JOINT_SPEED = np.pi
 """Of the xArm7's joints [rad/s] (UFACTORY: 180 degrees per second)."""
 
@@ -30,10 +35,22 @@ def test_letting_go_comes_after_pouring(demonstration):
     assert first[5] - first[4] >= 10
 
 
-def test_expert_holds_with_all_four_fingers_and_the_thumb_balances_three(demonstration):
-    held = demonstration.forces[75:185]
-    assert (held.mean(0) > 1.0).all()
-    assert held[:, 3].mean() == pytest.approx(held[:, :3].sum(1).mean(), rel=0.15)
+@pytest.mark.parametrize(("seed", "idle"), [(11, []), (NO_MIDDLE, [1])])
+def test_the_thumb_holds_against_the_fingers_that_were_drawn(seed, idle):
+    shown = demonstrate("PourCup-v0", seed)
+    gripped, held = shown.forces[shown.during(1, 2)], shown.forces[shown.during(2, 4)]
+    assert ((gripped[:, np.setdiff1d(np.arange(4), idle)] > 0.05).mean(0) > 0.7).all()
+    assert not gripped[:, idle].any()
+    assert held[:, 3].mean() == pytest.approx(held[:, :3].sum(1).mean(), rel=0.5)
+
+
+def test_fingers_right_the_pitcher_and_tip_it_while_pouring(demonstration):
+    turns = np.array([rotation_vector(r @ PALM_IN_PITCHER) for r in demonstration.rotations])[:, 0]
+    gripped = int(np.argmax(demonstration.progress > 0))
+    assert turns[gripped] > 0.3  # The palm leans against the bar at yaw .36.
+    assert np.abs(turns[gripped:]).min() < 0.02
+    pouring = demonstration.during(3, 4)
+    assert np.median(turns[pouring]) == pytest.approx(-TIPPED, abs=0.08)
 
 
 def test_the_wrist_never_turns_faster_than_the_real_arm_can(demonstration):
@@ -41,7 +58,7 @@ def test_the_wrist_never_turns_faster_than_the_real_arm_can(demonstration):
     assert np.abs(np.diff(targets, axis=0)).max() * 20 < MAX_JOINT_SPEED
 
 
-def test_touch_posture_lays_all_four_pads_flat_on_the_bar():
+def test_the_search_for_a_grip_begins_with_all_four_pads_flat_on_a_bar():
     centres, normals = pads_of(HAND_TOUCH)
     across = np.array([np.cos(GRASP_TURN), 0.0, -np.sin(GRASP_TURN)])
     side = np.array([1, 1, 1, -1])

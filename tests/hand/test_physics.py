@@ -3,12 +3,30 @@
 import mujoco
 import numpy as np
 
-from lerobot_dexflex.experts.command import FingertipExecutor, fingertips_of
-from lerobot_dexflex.experts.place_hammer import GRASP_CENTRE, HAND_SQUEEZE, HAND_TOUCH
 from lerobot_dexflex.hand import xarm7
 from lerobot_dexflex.hand.model import SUBSTEPS, WORLD_COLLISION, add_arm, add_hand, base_spec
 
 RADIUS, HALF_LENGTH, MASS = 0.013, 0.06, 0.100
+CENTRE = np.array([-0.0405, -0.0353, -0.1401])
+"""Where the cylinder's axis is, which lies along palm y, palm frame [m]."""
+TOUCH = np.array(
+    (
+        *(1.519, 0.004, 0.368, -0.316),
+        *(1.518, -0.024, 0.367, -0.315),
+        *(1.524, -0.053, 0.354, -0.307),
+        *(1.755, 0.002, 0.386, -0.385),
+    )
+)
+"""All four pads flat on it [rad]."""
+SQUEEZE = np.array(
+    (
+        *(1.865, 0.004, 0.043, -0.328),
+        *(1.864, -0.022, 0.043, -0.328),
+        *(1.865, -0.048, 0.041, -0.327),
+        *(1.754, 0.003, 0.725, -0.242),
+    )
+)
+"""Fingers 20 mm and thumb 50 mm into it [rad]: the thumb must balance three fingers."""
 SWING = np.array([0.3, 0.15, 0.3, -0.2, 0.4, 0.3, 0.6])
 """Amplitude of the arm motion [rad]; at 0.15 Hz the hand moves with up to about 0.6 m/s."""
 
@@ -30,17 +48,15 @@ def held_cylinder():
     )
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.qpos[:23] = data.ctrl[:] = [*xarm7.HOME, *HAND_TOUCH]
+    data.qpos[:23] = data.ctrl[:] = [*xarm7.HOME, *TOUCH]
     mujoco.mj_kinematics(model, data)
     palm = data.body("palm").xmat.reshape(3, 3)
     # The cylinder's axis lies along palm y.
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, (palm @ np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])).ravel())
-    pose = np.concatenate([data.body("palm").xpos + palm @ GRASP_CENTRE, quaternion])
-    executor = FingertipExecutor(np.array(HAND_TOUCH))
-    touch, squeeze = fingertips_of(np.array(HAND_TOUCH)), fingertips_of(np.array(HAND_SQUEEZE))
+    pose = np.concatenate([data.body("palm").xpos + palm @ CENTRE, quaternion])
     for k in range(15):
-        data.ctrl[7:] = executor.step(touch + (k + 1) / 15 * (squeeze - touch))
+        data.ctrl[7:] = TOUCH + (k + 1) / 15 * (SQUEEZE - TOUCH)
         for _ in range(SUBSTEPS):
             data.joint("object").qpos[:] = pose
             data.joint("object").qvel[:] = 0

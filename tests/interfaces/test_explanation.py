@@ -6,7 +6,7 @@ import torch
 from lerobot_dexflex.interfaces.explanation import Choice, Explanation, relative_change
 
 OK = (torch.zeros(1, 4, dtype=torch.int64), torch.zeros(1, dtype=torch.int64))
-NO_SQUEEZE = torch.zeros(1, 4, 3)
+NO_SQUEEZE, HELD = torch.zeros(1, 4, 3), torch.zeros(1, 4, dtype=torch.bool)
 
 
 def choice(branch=2):
@@ -25,7 +25,7 @@ def choice(branch=2):
 
 def test_a_row_is_plain_json_with_names_instead_of_indices():
     forces = torch.tensor([[[0.0, 3.0, 4.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -2.0, 0.0]]])
-    row = Explanation(torch.tensor([0.5]), *OK, NO_SQUEEZE, forces, choice()).row(0)
+    row = Explanation(torch.tensor([0.5]), *OK, NO_SQUEEZE, HELD, forces, choice()).row(0)
     assert json.loads(json.dumps(row)) == row
     assert (row["branch"], row["draft_health"], row["score"]) == ("seeded", "ok", 2.5)
     assert list(row["contact_loss"]) == list(row["touch_health"])
@@ -35,8 +35,8 @@ def test_a_row_is_plain_json_with_names_instead_of_indices():
 
 
 def test_an_interface_without_candidates_explains_its_intervention_and_what_it_saw():
-    row = Explanation(torch.tensor([0.5]), *OK, NO_SQUEEZE).row(0)
-    assert set(row) == {"intervention", "touch_health", "draft_health", "squeeze"}
+    row = Explanation(torch.tensor([0.5]), *OK, NO_SQUEEZE, HELD).row(0)
+    assert set(row) == {"intervention", "touch_health", "draft_health", "squeeze", "free"}
 
 
 def test_the_sentence_tells_what_the_draft_would_have_cost_and_which_touch_failed():
@@ -44,10 +44,12 @@ def test_the_sentence_tells_what_the_draft_would_have_cost_and_which_touch_faile
     late = torch.tensor([1])
     squeeze = torch.zeros(1, 4, 3)
     squeeze[0, 2] = 0.003
-    sentence = Explanation(torch.tensor([0.5]), touch, late, squeeze, choice=choice()).sentence(0)
+    free = torch.tensor([[True, False, False, True]])
+    sentence = Explanation(torch.tensor([0.5]), touch, late, squeeze, free, choice=choice()).sentence(0)
     assert sentence == (
         "seeded chosen, changed the draft by 50 %; the draft would lose contact of middle; "
-        "the draft would lose the grasp; the squeeze of ring replaced; touch of thumb frozen; draft late"
+        "the draft would lose the grasp; index, thumb free; the squeeze of ring replaced; "
+        "touch of thumb frozen; draft late"
     )
 
 

@@ -38,7 +38,7 @@ def samples(synthetic_dataset):
 
     from lerobot_policy_dexflex.measured_tips import add_measured_tips
 
-    windows = {"action": [k / 20 for k in range(16)]}
+    windows = {"action": [k / 20 for k in range(24)]}
     dataset = LeRobotDataset(
         "lerobot-dexflex/synthetic", root=synthetic_dataset, delta_timestamps=windows, video_backend="pyav"
     )

@@ -36,10 +36,10 @@ def output_of(result):
 def runs(synthetic_dataset, tmp_path_factory):
     """Train 4 steps with an evaluation, resume to 6, evaluate under another interface."""
     folder = tmp_path_factory.mktemp("runs")
-    output = folder / "draft"
+    output = folder / "run"
     train = run(
         "lerobot-train",
-        f"--config_path={ROOT / 'configs/policy/place_hammer_draft.yaml'}",
+        f"--config_path={ROOT / 'configs/policy/place_hammer.yaml'}",
         f"--dataset.root={synthetic_dataset}",
         "--dataset.repo_id=lerobot-dexflex/synthetic",
         f"--output_dir={output}",
@@ -65,13 +65,28 @@ def runs(synthetic_dataset, tmp_path_factory):
         f"--output_dir={folder / 'eval'}",
         *ENV_EVAL,
     )
-    refused = run("lerobot-eval", f"--policy.path={checkpoint}", "--policy.interface=joint", *ENV_EVAL)
+    joint = run(
+        "lerobot-eval",
+        f"--policy.path={checkpoint}",
+        "--policy.interface=joint",
+        f"--output_dir={folder / 'joint'}",
+        *ENV_EVAL,
+    )
+    motion = ["--policy.learns=[measured]", "--policy.interface=joint", f"--dataset.root={synthetic_dataset}"]
+    refused = run(
+        "lerobot-train",
+        f"--config_path={ROOT / 'configs/policy/place_hammer.yaml'}",
+        "--dataset.repo_id=lerobot-dexflex/synthetic",
+        f"--output_dir={folder / 'refused'}",
+        *motion,
+    )
     return SimpleNamespace(
         train=train,
         first=first,
         resume=resume,
         checkpoint=checkpoint,
         pressed=pressed,
+        joint=joint,
         refused=refused,
         folder=folder,
     )
@@ -89,10 +104,11 @@ def test_training_serves_the_dataset_from_memory(runs):
     assert "is not cached" not in output_of(runs.train)
 
 
-def test_the_checkpoint_remembers_its_action_space_and_draft(runs):
+def test_the_checkpoint_remembers_what_it_learned(runs):
     config = json.loads((runs.checkpoint / "config.json").read_text())
     assert (config["type"], config["interface"]) == ("dexflex_flow", "dexflex")
-    assert (config["action_space"], config["draft"]) == ("draft", "measured")
+    assert config["learns"] == ["joint", "commanded", "measured"]
+    assert config["action_space"] == ""
 
 
 def test_a_resumed_training_goes_on_from_weights_average_and_step(runs):
@@ -103,21 +119,22 @@ def test_a_resumed_training_goes_on_from_weights_average_and_step(runs):
     assert not torch.equal(last["average.action_out.weight"], runs.first["average.action_out.weight"])
 
 
-def test_evaluation_writes_lerobots_report_under_a_switched_interface(runs):
-    output_of(runs.pressed)
-    report = json.loads((runs.folder / "eval/eval_info.json").read_text())
+@pytest.mark.parametrize(("interface", "folder"), [("pressed", "eval"), ("joint", "joint")])
+def test_evaluation_writes_lerobots_report_under_a_switched_interface(runs, interface, folder):
+    output_of(getattr(runs, interface))
+    report = json.loads((runs.folder / folder / "eval_info.json").read_text())
     assert report["overall"]["n_episodes"] == 2
     assert 0 <= report["overall"]["pc_success"] <= 100
 
 
-def test_an_interface_of_another_action_space_ends_in_one_clear_message(runs):
+def test_an_interface_whose_part_is_not_learned_ends_in_one_clear_message(runs):
     assert runs.refused.returncode != 0
     last = runs.refused.stderr.strip().splitlines()[-1]
-    assert "executes the action space 'joint', but this checkpoint learned 'draft'" in last
+    assert "'joint' executes joint targets, but this policy learned measured fingertips only" in last
     assert "--policy.interface=raw|press" in last
 
 
-@pytest.mark.parametrize("name", ["place_hammer_joint", "place_hammer_draft"])
+@pytest.mark.parametrize("name", ["assemble_table", "place_hammer", "pour_cup"])
 def test_each_config_parses_and_trains_one_step(synthetic_dataset, tmp_path, name, monkeypatch):
     import draccus
     from lerobot.configs.train import TrainPipelineConfig
@@ -140,21 +157,17 @@ def test_each_config_parses_and_trains_one_step(synthetic_dataset, tmp_path, nam
     config = draccus.parse(TrainPipelineConfig, path, args=arguments)
     train(config)
     saved = json.loads((tmp_path / "run/checkpoints/last/pretrained_model/config.json").read_text())
-    assert saved["action_space"] == name.removeprefix("place_hammer_")
+    assert (saved["interface"], saved["learns"]) == ("dexflex", ["joint", "commanded", "measured"])
 
 
-@pytest.mark.parametrize("task", ["assemble_table", "place_hammer", "pour_cup"])
-def test_the_configs_of_a_task_differ_in_nothing_but_the_interface(task):
+def test_the_configs_differ_in_nothing_but_the_task():
     import yaml
 
-    joint, draft = (
-        yaml.safe_load((ROOT / f"configs/policy/{task}_{name}.yaml").read_text())
-        for name in ("joint", "draft")
-    )
-    assert (joint["policy"].pop("interface"), draft["policy"].pop("interface")) == ("joint", "dexflex")
-    assert (joint.pop("output_dir"), draft.pop("output_dir")) == (
-        f"outputs/{task}_joint",
-        f"outputs/{task}_draft",
-    )
-    assert joint == draft
-    assert joint["dataset"]["root"] == f"datasets/{task}"
+    found = []
+    for task in ("assemble_table", "place_hammer", "pour_cup"):
+        text = (ROOT / f"configs/policy/{task}.yaml").read_text()
+        environment = "".join(word.capitalize() for word in task.split("_"))
+        found.append(yaml.safe_load(text.replace(task, "TASK").replace(environment, "TASK")))
+    assert found[0] == found[1] == found[2]
+    assert found[0]["dataset"]["root"] == "datasets/TASK"
+    assert found[0]["env"]["task"] == "TASK-v0"

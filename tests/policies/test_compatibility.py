@@ -71,10 +71,15 @@ def test_an_environment_without_touch_is_refused(tiny):
             {"interface": "psychic"},
             r"Unknown interface 'psychic' in 'psychic'\. Valid: joint, raw, press",
         ),
-        ({"action_space": "torque"}, r"`action_space` must be one of joint, draft.*Got 'torque'"),
+        (
+            {"learns": ["torque"]},
+            r"`learns` must name one or more of joint, commanded, measured.*\['torque'\]",
+        ),
+        ({"learns": []}, r"as in --policy.learns=\[measured\]. Got \[\]"),
+        ({"dropout": 1.0}, r"`dropout` must be in \[0, 1\)"),
         ({"draft": "felt"}, r"`draft` must be measured or commanded, or empty. Got 'felt'"),
-        ({"n_action_steps": 17}, r"between 1 and `chunk_size` \(16\)\. Got 17"),
-        ({"chunk_size": 15}, r"`chunk_size` must be even. Got 15"),
+        ({"n_action_steps": 25}, r"between 1 and `chunk_size` \(24\)\. Got 25"),
+        ({"chunk_size": 25}, r"`chunk_size` must be even. Got 25"),
         ({"dim": 33}, r"multiple of `n_heads`"),
         ({"touch_dropout": 1.5}, r"`touch_dropout` must be in \[0, 1\]"),
         ({"euler_steps": 11}, r"`euler_steps` must be at most 10"),
@@ -85,6 +90,11 @@ def test_an_environment_without_touch_is_refused(tiny):
 def test_settings_that_cannot_work_are_refused(settings, message):
     with pytest.raises(ParsingError, match=message):
         DexflexFlowConfig(device="cpu", **settings)
+
+
+@pytest.mark.parametrize("text", ["[measured,joint]", "measured, joint", ["measured", "joint", "joint"]])
+def test_what_is_learned_may_be_written_as_a_list_or_as_names(text):
+    assert DexflexFlowConfig(device="cpu", learns=text).learns == ["joint", "measured"]
 
 
 @pytest.fixture
@@ -179,4 +189,5 @@ def test_the_hand_without_an_arm_is_driven_too(tiny):
     assert isinstance(policy, DexflexFlowPolicy)
     observation = {key: torch.zeros(2, *ft.shape) for key, ft in (config.input_features or {}).items()}
     assert policy.select_action(observation).shape == (2, 16)
-    assert policy.normalization.columns == list(range(16, 28))
+    assert policy.plan.size == 16 + 12 + 12
+    assert policy.predict_action_chunk(observation).shape == (2, 24, 12)

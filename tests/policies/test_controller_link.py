@@ -66,7 +66,7 @@ def _saved(policy, folder):
 @pytest.mark.parametrize("interface", LEARNED)
 def test_the_policy_acts_through_the_controller_and_its_rows_act_as_alone(policy, observation, interface):
     acting = policy(interface).eval()
-    noise = torch.randn(4, 16, 19, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(4, 24, acting.plan.size, generator=torch.Generator().manual_seed(0))
 
     def act(rows):
         acting.reset()

@@ -114,6 +114,23 @@ def test_a_dataset_beyond_the_memory_bound_is_left_to_lerobot_with_a_warning(syn
     assert dataset_cache._caches[dataset.reader] is None
 
 
+def test_what_is_left_out_is_neither_kept_nor_decoded_nor_counted(synthetic_dataset, caplog):
+    dataset = load(synthetic_dataset, delta_timestamps=HISTORY, return_uint8=True)
+    theirs = item(dataset, 7)
+    gone = {"observation.state", "observation.images.front"}
+    # Only the wrist's camera is left: 60 frames of 96 * 96 * 3 bytes, and 300 numbers, make 1.8 MB.
+    dataset_cache.cache_dataset(dataset.meta, 0.002, left_out=gone)
+    caplog.clear()
+    with caplog.at_level(logging.WARNING):
+        ours = item(dataset, 7)
+    assert caplog.text == ""
+    cache = dataset_cache._caches[dataset.reader]
+    assert cache is not None
+    assert not gone & {*cache._columns, *cache._frames}
+    kept = {key: value for key, value in theirs.items() if key.removesuffix("_is_pad") not in gone}
+    assert_equal_items(ours, kept)
+
+
 def test_changed_internals_of_lerobot_leave_its_loader_in_charge(synthetic_dataset, caplog, monkeypatch):
     dataset = load(synthetic_dataset, delta_timestamps=WINDOW, return_uint8=True)
     theirs = dataset[7]

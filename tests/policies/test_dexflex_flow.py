@@ -1,6 +1,3 @@
-import json
-import re
-
 import numpy as np
 import pytest
 import torch
@@ -9,12 +6,12 @@ from safetensors.torch import load_file, save_file
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces.commanded_hand import LARGEST_STEP
-from lerobot_policy_dexflex.measured_tips import NEXT_TIPS, learned_action
+from lerobot_policy_dexflex.measured_tips import NEXT_TIPS
 
 
 def noise(policy, rows=4, seed=0):
     generator = torch.Generator().manual_seed(seed)
-    return torch.randn(rows, 16, len(policy.normalization.columns), generator=generator)
+    return torch.randn(rows, policy.config.chunk_size, policy.plan.size, generator=generator)
 
 
 def train(policy, samples, steps, lr=3e-3):
@@ -33,70 +30,108 @@ def train(policy, samples, steps, lr=3e-3):
 
 
 @pytest.fixture(scope="module")
-def trained(synthetic_dataset, tiny, samples):
-    """Policies of both action spaces that have fitted the 16 samples."""
+def fitted(synthetic_dataset, tiny, samples):
+    """A policy that has fitted the 16 samples, and its losses."""
     from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
     from lerobot.policies import make_policy
 
     from lerobot_policy_dexflex import DexflexFlowConfig
 
-    policies = {}
-    for interface in ("joint", "raw"):
-        torch.manual_seed(0)
-        config = DexflexFlowConfig(**tiny, interface=interface, cache_dataset=False)
-        meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
-        policy = make_policy(config, ds_meta=meta)
-        policies[interface] = policy, train(policy, samples, 100)
-    return policies
+    torch.manual_seed(0)
+    config = DexflexFlowConfig(**tiny, interface="raw", cache_dataset=False, dropout=0.0)
+    meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
+    policy = make_policy(config, ds_meta=meta)
+    return policy, train(policy, samples, 150)
 
 
-@pytest.mark.parametrize("interface", ["joint", "raw"])
-def test_the_loss_falls_to_a_fraction_when_a_few_samples_are_fitted(trained, interface):
-    _, losses = trained[interface]
-    assert np.mean(losses[-20:]) < 0.15 * losses[0]
+@pytest.fixture(scope="module")
+def trained(fitted, tmp_path_factory):
+    """The fitted policy under interfaces that execute different parts of its plans."""
+    from lerobot.configs import PreTrainedConfig
+
+    policy, _ = fitted
+    folder = tmp_path_factory.mktemp("fitted")
+    policy.save_pretrained(folder)
+
+    def under(interface, *more):
+        overrides = [f"--interface={interface}", *more]
+        config = PreTrainedConfig.from_pretrained(folder, cli_overrides=overrides)
+        return type(policy).from_pretrained(folder, config=config)
+
+    return {"raw": policy, "joint": under("joint"), "commanded": under("raw", "--draft=commanded")}
 
 
-def test_an_untrained_policy_predicts_the_mean_action_because_its_last_step_lands_on_the_clean_chunk(
+def test_the_loss_falls_to_a_fraction_when_a_few_samples_are_fitted(fitted):
+    _, losses = fitted
+    assert np.mean(losses[-20:]) < 0.3 * losses[0]
+
+
+def test_an_untrained_policy_stays_where_it_is_because_its_last_step_lands_on_the_clean_chunk(
     build, observation
 ):
-    # The network's head starts at 0, the mean; 8 Euler steps with v = (0 - x) / (1 - t) end there exactly.
-    policy = build().eval()
-    mean = policy.normalization.action.mean.expand(4, 16, -1)
-    torch.testing.assert_close(policy.predict_action_chunk(observation, noise(policy)), mean)
+    # The network's head starts at 0, the mean, which is no motion before any data were seen; 8 Euler steps
+    # with v = (0 - x) / (1 - t) end there exactly.
+    policy = build(interface="raw").eval()
+    state, tips = observation["observation.state"], observation["observation.fingertips"]
+    here = torch.cat([state, tips, tips], 1)[:, None].expand(-1, 24, -1)
+    torch.testing.assert_close(policy.predict_plan(observation, noise(policy)), here)
 
 
-@pytest.mark.parametrize("interface", ["joint", "raw"])
+def test_plans_move_with_the_robot(build, observation):
+    policy = build(interface="raw").eval()
+    policy.scale.mean.normal_()
+    before = policy.predict_plan(observation, noise(policy))
+    moved = {**observation, "observation.state": observation["observation.state"] + 0.125}
+    after = policy.predict_plan(moved, noise(policy))
+    difference = torch.cat([torch.full((23,), 0.125), torch.zeros(24)]).expand_as(before)
+    torch.testing.assert_close(after - before, difference, rtol=0, atol=1e-5)
+
+
+def demonstrated(samples, part):
+    hand = {
+        "joint": samples["action"][..., 7:23],
+        "commanded": samples["action"][..., 23:],
+        "raw": samples[NEXT_TIPS],
+    }
+    return torch.cat([samples["action"][..., :7], hand[part]], -1)
+
+
+@pytest.mark.parametrize("interface", ["joint", "raw", "commanded"])
 def test_fitted_chunks_lie_close_to_the_demonstrated_ones(trained, samples, interface):
-    policy, _ = trained[interface]
+    policy = trained[interface]
     predicted = policy.predict_action_chunk(samples, noise(policy, 16))
-    action = learned_action(samples) if interface == "raw" else samples["action"]
-    target = action[..., policy.normalization.columns]
-    valid = ~samples["action_is_pad"]
-    error = (predicted - target).abs()[valid] / policy.normalization.action.std
-    assert error.mean() < 0.35  # An ignorant prediction, the mean, is off by about 0.8 standard deviations.
+    part = "measured" if interface == "raw" else interface
+    columns, valid = policy.plan.columns(part), ~samples["action_is_pad"]
+    here = policy.plan.reference(samples["observation.state"], samples["observation.fingertips"])
+    mean, std = here[..., columns] + policy.scale.mean[:, columns], policy.scale.std[:, columns]
+    error, ignorant = (
+        ((plan - demonstrated(samples, interface)) / std)[valid].abs().mean() for plan in (predicted, mean)
+    )
+    assert error < 0.6 * ignorant
 
 
-def test_the_draft_checkpoint_learns_arm_joints_and_fingertips_the_other_all_joints(trained):
-    assert trained["joint"][0].normalization.columns == list(range(23))
-    assert trained["raw"][0].normalization.columns == [*range(7), *range(23, 35)]
-    assert [(p.config.action_space, p.config.draft) for p, _ in trained.values()] == [
-        ("joint", ""),
-        ("draft", "measured"),
-    ]
+def test_every_interface_executes_its_part_of_the_same_plan(trained, observation):
+    whole = trained["raw"].predict_plan(observation, noise(trained["raw"]))
+    parts = {"joint": range(7, 23), "commanded": range(23, 35), "raw": range(35, 47)}
+    for interface, columns in parts.items():
+        policy = trained[interface]
+        assert torch.equal(policy.predict_plan(observation, noise(policy)), whole)
+        chunk = policy.predict_action_chunk(observation, noise(policy))
+        assert torch.equal(chunk, whole[..., [*range(7), *columns]])
 
 
-def test_select_action_returns_joint_targets_and_executes_each_chunk_eight_times(trained, observation):
-    policy, _ = trained["joint"]
+def test_select_action_returns_joint_targets_and_executes_each_chunk_sixteen_times(trained, observation):
+    policy = trained["joint"]
     policy.reset()
     chunk = policy.predict_action_chunk(observation, noise(policy))
-    for k in range(8):
+    for k in range(16):
         assert torch.equal(policy.select_action(observation, noise(policy)), chunk[:, k])
     replanned = policy.select_action(observation, noise(policy, seed=1))
     assert torch.equal(replanned, policy.predict_action_chunk(observation, noise(policy, seed=1))[:, 0])
 
 
 def test_raw_execution_asks_for_exactly_the_planned_fingertips_from_the_measured_ones(trained, observation):
-    policy, _ = trained["raw"]
+    policy = trained["raw"]
     measured = fingertips(observation["observation.state"][:, 7:].double())
     policy.reset()
     chunk = policy.predict_action_chunk(observation, noise(policy))
@@ -111,12 +146,12 @@ def test_raw_execution_asks_for_exactly_the_planned_fingertips_from_the_measured
 
 @pytest.mark.parametrize("interface", ["joint", "raw"])
 def test_a_batch_acts_as_its_rows_do_alone(trained, observation, interface):
-    policy, _ = trained[interface]
+    policy = trained[interface]
 
     def act(rows):
         policy.reset()
         seen = {key: value[rows] for key, value in observation.items()}
-        return torch.stack([policy.select_action(seen, noise(policy)[rows]) for _ in range(10)])
+        return torch.stack([policy.select_action(seen, noise(policy)[rows]) for _ in range(18)])
 
     together = act(slice(0, 4))
     alone = torch.cat([act(slice(i, i + 1)) for i in range(4)], 1)
@@ -125,10 +160,10 @@ def test_a_batch_acts_as_its_rows_do_alone(trained, observation, interface):
 
 @pytest.mark.parametrize("interface", ["joint", "raw"])
 def test_a_reloaded_policy_acts_bit_for_bit_alike(trained, observation, interface, tmp_path):
-    policy, _ = trained[interface]
+    policy = trained[interface]
     policy.save_pretrained(tmp_path)
     again = type(policy).from_pretrained(tmp_path)
-    assert again.config.action_space == policy.config.action_space
+    assert again.config.learns == policy.config.learns
     for instance in (policy, again):
         instance.reset()
     for _ in range(9):
@@ -137,51 +172,69 @@ def test_a_reloaded_policy_acts_bit_for_bit_alike(trained, observation, interfac
     assert all(torch.equal(a, b) for a, b in zip(again.parameters(), policy.parameters(), strict=True))
 
 
-def test_the_interface_is_switched_at_evaluation_within_its_action_space(trained, tmp_path):
+def test_an_interface_whose_part_was_not_learned_is_refused_with_those_that_fit(build, tmp_path):
     from lerobot.configs import PreTrainedConfig
 
-    policy, _ = trained["raw"]
+    policy = build(interface="raw", learns=["measured"])
     policy.save_pretrained(tmp_path)
     switched = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=press:2"])
     assert type(policy).from_pretrained(tmp_path, config=switched).execution.interface.name == "press:2"
-    refused = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=joint"])
-    with pytest.raises(DexFlexError) as error:
-        type(policy).from_pretrained(tmp_path, config=refused)
-    choices = re.search(r"learned 'draft'\. Choose --policy\.interface=(\S+), or load", str(error.value))
-    assert choices is not None
-    assert {"raw", "press", "dexflex"} <= set(choices[1].split("|"))
-    assert "joint" not in choices[1].split("|")
+    for refused, message in (
+        ("--interface=joint", r"'joint' executes joint targets, but .* --policy.interface=raw\|press"),
+        ("--draft=commanded", r"'raw' executes commanded fingertips, but .* Choose --policy.draft=measured"),
+    ):
+        config = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=[refused])
+        with pytest.raises(DexFlexError, match=message):
+            type(policy).from_pretrained(tmp_path, config=config)
 
 
-def test_a_checkpoint_of_drafts_from_before_the_choice_is_refused_until_it_tells_its_draft(trained, tmp_path):
+def test_a_checkpoint_cannot_be_told_to_have_learned_something_else(build, tmp_path):
     from lerobot.configs import PreTrainedConfig
 
-    policy, _ = trained["raw"]
+    policy = build(interface="raw")
     policy.save_pretrained(tmp_path)
-    file = tmp_path / "config.json"
-    settings = json.loads(file.read_text())
-    assert settings["draft"] == "measured"
-    file.write_text(json.dumps({key: value for key, value in settings.items() if key != "draft"}))
-    with pytest.raises(DexFlexError, match=r"from before .*config.json, or add --policy.draft=commanded"):
-        type(policy).from_pretrained(tmp_path)
-    told = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--draft=commanded"])
-    assert type(policy).from_pretrained(tmp_path, config=told).config.draft == "commanded"
-    file.write_text(json.dumps(settings | {"draft": "commanded"}))
-    assert type(policy).from_pretrained(tmp_path).config.draft == "commanded"
+    config = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--learns=[measured]"])
+    with pytest.raises(DexFlexError, match=r"(?s)cannot be loaded.*leave --policy.learns and the network"):
+        type(policy).from_pretrained(tmp_path, config=config)
 
 
-def test_a_policy_of_joint_targets_refuses_to_choose_fingertips(build):
-    with pytest.raises(
-        DexFlexError, match=r"'joint' learns joint targets. Leave out --policy.draft=measured"
-    ):
-        build(interface="joint", draft="measured")
+def test_demonstrations_of_motion_alone_train_a_policy_of_measured_fingertips(build, samples):
+    motion = {**samples, "action": samples["action"].clone()}
+    motion["action"][..., 7:] = float("nan")
+    policy = build(interface="raw", learns=["measured"])
+    assert policy.plan.size == 7 + 12
+    losses = train(policy, motion, 3)
+    assert np.isfinite(losses).all()
+    torch.manual_seed(0)
+    torch.testing.assert_close(policy.forward(motion)[0], _seeded(policy, samples))
 
 
-def test_commanded_fingertips_are_learned_from_the_dataset_as_it_is(build, samples):
-    policy = build(interface="raw", draft="commanded")
-    assert torch.isfinite(policy.forward({k: v for k, v in samples.items() if k != NEXT_TIPS})[0])
+def _seeded(policy, batch):
+    torch.manual_seed(0)
+    return policy.forward(batch)[0]
+
+
+def test_measured_fingertips_are_needed_only_where_they_are_learned(build, samples):
+    without = {key: value for key, value in samples.items() if key != NEXT_TIPS}
+    policy = build(interface="raw", learns=["joint", "commanded"])
+    assert torch.isfinite(policy.forward(without)[0])
     with pytest.raises(DexFlexError, match=r"lacks 'observation.next_fingertips'"):
-        build(interface="raw").forward({k: v for k, v in samples.items() if k != NEXT_TIPS})
+        build(interface="raw").forward(without)
+
+
+def test_dropout_acts_in_training_alone(build, samples):
+    policy = build(interface="raw", dropout=0.5, touch_dropout=0.0, brightness=0.0, state_noise=0.0)
+    train(policy, samples, 3)  # Gates of the blocks start at 0: nothing would be hidden.
+    network, average = policy.network, policy.average
+    assert torch.equal(_seeded(policy, samples), _seeded(policy, samples))
+    observed = policy._observe(samples)[0]
+    x, t = torch.randn(1, 16, 24, policy.plan.size), torch.full((1, 16), 0.5)
+    policy.train()
+    first, second = (network.clean(x, t, network.encode(observed)) for _ in range(2))
+    assert not torch.equal(first, second)
+    policy.eval()
+    first, second = (average.clean(x, t, average.encode(observed)) for _ in range(2))
+    assert torch.equal(first, second)
 
 
 def test_evaluation_uses_the_running_average_and_training_the_weights(build, samples, observation):
@@ -241,19 +294,15 @@ def test_the_first_command_of_an_episode_starts_at_the_measured_hand(build, obse
     assert change == pytest.approx(LARGEST_STEP, abs=1e-6)
 
 
-def test_statistics_of_the_dataset_are_kept_and_fingertips_share_one_scale(build):
+def test_observations_take_the_statistics_of_the_dataset_and_each_fingertip_has_one_scale(build):
     policy = build(interface="raw")
-    std = policy.normalization.action.std
+    assert policy.normalization.state.std.unique().numel() > 4
     assert policy.normalization.fingertips.std.unique().numel() <= 4
-    assert all(std[7 + 3 * f : 10 + 3 * f].unique().numel() == 1 for f in range(4))
-    values = torch.randn(5, 16, 19)
-    normalizer = policy.normalization.action
-    torch.testing.assert_close(normalizer.inverse(normalizer(values)), values)
 
 
 def test_noise_of_another_shape_is_refused(build, observation):
     policy = build().eval()
-    with pytest.raises(DexFlexError, match=r"`noise` must have shape \(4, 16, 23\). Got \(4, 23\)"):
+    with pytest.raises(DexFlexError, match=r"`noise` must have shape \(4, 24, 47\). Got \(4, 23\)"):
         policy.predict_action_chunk(observation, torch.zeros(4, 23))
 
 
@@ -261,7 +310,7 @@ def test_noise_of_another_shape_is_refused(build, observation):
 def test_mixed_precision_is_for_the_plan_alone(build, controller_folder, observation, interface):
     policy = build(interface=interface, controller=str(controller_folder)).eval()
     with torch.autocast("cpu"):
-        targets = torch.stack([policy.select_action(observation, noise(policy)) for _ in range(9)])
+        targets = torch.stack([policy.select_action(observation, noise(policy)) for _ in range(17)])
     assert targets.dtype == torch.float32
     targets.numpy()
     # The same plan, executed without mixed precision, moves the joints to the same place.

@@ -178,6 +178,33 @@ def test_a_rename_map_fits_a_dataset_to_a_checkpoint(checkpoint, datasets, monke
     assert torch.isfinite(loss)
 
 
+def test_columns_that_the_policy_does_not_read_stay_out_of_its_way(
+    make_dataset, monkeypatch, tmp_path, caplog
+):
+    extra = {"operator.draft": 96, "contact.loads": 12}
+    root = make_dataset(tmp_path / "extra", extra=extra)
+    run = begin_training(
+        monkeypatch, "--policy.type=dexflex_flow", *NETWORK, *LOCAL, f"--dataset.root={root}"
+    )
+    item = run.train_set[3]
+    assert not set(extra) & set(item)
+    assert "is not cached" not in caplog.text
+    assert not set(extra) & set(run.policy.config.input_features)
+    uncached = begin_training(
+        monkeypatch,
+        "--policy.type=dexflex_flow",
+        "--policy.cache_dataset=false",
+        *NETWORK,
+        *LOCAL,
+        f"--dataset.root={root}",
+    )
+    for each in (run, uncached):
+        raw = torch.utils.data.default_collate([each.train_set[row] for row in (0, 30)])
+        for key in each.train_set.meta.camera_keys:
+            raw[key] = raw[key].float() / 255
+        assert torch.isfinite(each.policy.train().forward(each.processors[0](raw))[0])
+
+
 @pytest.mark.parametrize("kind", ["other cameras", "one camera", "large images", "hand alone"])
 def test_a_new_policy_takes_the_cameras_and_joints_of_its_dataset(datasets, monkeypatch, kind):
     robot = ["--policy.interface=raw"]

@@ -9,7 +9,7 @@ from lerobot_commands import begin_training
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_policy_dexflex import dataset_cache, measured_tips
-from lerobot_policy_dexflex.measured_tips import NEXT_TIPS, add_measured_tips, learned_action
+from lerobot_policy_dexflex.measured_tips import NEXT_TIPS, add_measured_tips
 
 WINDOW = {"action": [k / 20 for k in range(16)]}
 EPISODES = ((0, 20), (20, 46), (46, 60))
@@ -93,31 +93,29 @@ def test_loader_processes_add_them_too(synthetic_dataset, context):
     assert torch.equal(batch[NEXT_TIPS], torch.stack([expected(dataset, row) for row in (0, 19, 45)]))
 
 
-def test_the_learned_action_holds_joint_targets_and_measured_fingertips():
-    action, tips = torch.arange(70.0).view(1, 2, 35), torch.full((1, 2, 12), -1.0)
-    learned = learned_action({"action": action, NEXT_TIPS: tips})
-    assert torch.equal(learned[..., :23], action[..., :23])
-    assert torch.equal(learned[..., 23:], tips)
-    with pytest.raises(DexFlexError, match=r"lacks 'observation.next_fingertips'.*--policy.draft=commanded"):
-        learned_action({"action": action})
+def test_a_batch_without_them_is_refused_with_the_way_out():
+    tips = torch.full((1, 2, 12), -1.0)
+    assert measured_tips.measured_tips({NEXT_TIPS: tips}) is tips
+    with pytest.raises(
+        DexFlexError, match=r"lacks 'observation.next_fingertips'.*--policy.learns=\[joint,comm"
+    ):
+        measured_tips.measured_tips({"action": torch.zeros(1, 2, 35)})
 
 
-@pytest.mark.parametrize(
-    ("draft", "column"), [("measured", "observation.fingertips"), ("commanded", "action")]
-)
-def test_a_policy_learns_the_fingertips_that_its_draft_names(
-    make_dataset, monkeypatch, tmp_path, draft, column
+@pytest.mark.parametrize("learns", ["joint", "commanded", "measured", "joint,commanded,measured"])
+def test_a_policy_learns_the_parts_of_the_plan_that_it_is_told_to(
+    make_dataset, monkeypatch, tmp_path, learns
 ):
     """Measured and commanded fingertips are 0.1 m apart here, so that one could not pass for the other."""
     root = make_dataset(tmp_path / "apart", squeeze=0.1)
-    policy = ["--policy.type=dexflex_flow", "--policy.interface=raw", f"--policy.draft={draft}"]
+    interface = "joint" if learns == "joint" else "raw"
+    policy = ["--policy.type=dexflex_flow", f"--policy.interface={interface}", f"--policy.learns=[{learns}]"]
     network = ["--policy.dim=32", "--policy.n_layers=1", "--policy.n_heads=2", "--policy.n_keypoints=8"]
     local = ["--policy.device=cpu", "--policy.push_to_hub=false", f"--dataset.root={root}"]
     run = begin_training(monkeypatch, *policy, *network, *local)
-    assert run.policy.config.draft == draft
-    stats = torch.as_tensor(run.train_set.meta.stats[column]["mean"], dtype=torch.float32)[-12:]
-    torch.testing.assert_close(run.policy.normalization.action.mean[7:], stats)
+    assert run.policy.config.learns == learns.split(",")
     batch = torch.utils.data.default_collate([run.train_set[row] for row in (0, 30)])
+    assert (NEXT_TIPS in batch) == ("measured" in learns)
     for key in run.train_set.meta.camera_keys:
         batch[key] = batch[key].float() / 255  # As lerobot-train does.
     seen = {}
@@ -125,9 +123,14 @@ def test_a_policy_learns_the_fingertips_that_its_draft_names(
         type(run.policy), "_draw", lambda self, x_1: seen.update(x_1=x_1) or _drawn(x_1, run.policy)
     )
     run.policy.train().forward(run.processors[0](batch))
-    learned = run.policy.normalization.action.inverse(seen["x_1"])[..., 7:]
-    wanted = batch["action"][..., 23:] if draft == "commanded" else batch[NEXT_TIPS]
-    torch.testing.assert_close(learned, wanted, rtol=0, atol=1e-5)
+    start = run.policy.plan.reference(batch["observation.state"], batch["observation.fingertips"])
+    plan = run.policy.scale.inverse(seen["x_1"]) + start
+    wanted = {"joint": batch["action"][..., 7:23], "commanded": batch["action"][..., 23:]}
+    wanted["measured"] = batch.get(NEXT_TIPS)
+    for part in learns.split(","):
+        found = plan[..., run.policy.plan.columns(part)]
+        whole = torch.cat([batch["action"][..., :7], wanted[part]], -1)
+        torch.testing.assert_close(found, whole, rtol=0, atol=1e-5)
     assert (batch["action"][..., 23:] - batch["observation.fingertips"][:, None]).min() > 0.05
 
 

@@ -24,6 +24,7 @@ class CountingEnv(gymnasium.Env):
 
     joints = JOINTS
     command = np.zeros(23)
+    pad_forces = np.array([0.5, 1.0, 1.5, 2.0])
     metadata = {"render_modes": [], "render_fps": 20}  # noqa: RUF012
 
     def __init__(self, cameras: tuple[str, ...] = ("front", "wrist")) -> None:
@@ -59,7 +60,7 @@ def count(env: CountingEnv, rng: np.random.Generator) -> Iterator[Command]:
     """Send random joint targets and tips that name the step."""
     for k in range(STEPS):
         targets = rng.normal(size=23)
-        yield Command(targets, np.full((4, 3), k / 128), targets + 0.1)
+        yield Command(targets, targets + 0.1, np.full((8, 4, 3), k / 128))
 
 
 @pytest.fixture

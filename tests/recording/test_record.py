@@ -1,7 +1,9 @@
 import json
 import shutil
 
+import gymnasium
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
@@ -56,8 +58,10 @@ def test_frame_k_holds_the_observation_before_the_step_and_the_label(counting_ta
     np.testing.assert_array_equal(frame["observation.tactile"], np.arange(240, dtype=np.float32))
     np.testing.assert_array_equal(frame["observation.gravity"], [0, 0, -1])
     noise = np.random.default_rng((1, 3)).normal(size=(9, 23))
-    np.testing.assert_allclose(frame["action"][:23], noise[5], atol=2.0**-17)
-    np.testing.assert_allclose(frame["action"][23:], fingertips_of(noise[5, 7:]).ravel(), atol=2.0**-20)
+    np.testing.assert_allclose(frame["action"][:23], noise[5], atol=2.0**-15)
+    np.testing.assert_allclose(frame["action"][23:], fingertips_of(noise[5, 7:]).ravel(), atol=2.0**-18)
+    np.testing.assert_array_equal(frame["operator.draft"], np.full(12, 5 / 128, np.float32))
+    np.testing.assert_array_equal(frame["contact.loads"], [0.5, 1.0, 1.5, 2.0])
     assert frame["task"] == "Count to nine."
     for k in range(18):
         gray = 10 * (k % 9) + 5 * (1 if k < 9 else 4)
@@ -70,41 +74,91 @@ def follow(env, rng):
     """Command the fingertips of the joints as they are measured, which change by 1/16 rad per step."""
     for k in range(9):
         joints = np.full(23, k / 16)
-        yield Command(joints, fingertips_of(joints[7:]), joints)
+        yield Command(joints, joints, np.tile(fingertips_of(joints[7:]), (8, 1, 1)))
 
 
 MEASURED = np.stack([fingertips_of(np.full(16, k / 16)).ravel() for k in range(9)])
 """Fingertips at every step of seed 0."""
 
 
-def test_glove_noise_is_in_the_labels_and_on_the_card_and_no_other_recording_is_continued(
+def test_joint_executes_and_records_the_operators_joints_bit_for_bit(counting_task, monkeypatch):
+    executed, make = [], gymnasium.make
+
+    def listening(*arguments, **options):
+        env = make(*arguments, **options)
+        step = env.unwrapped.step
+        env.unwrapped.step = lambda action: executed.append(action) or step(action)
+        return env
+
+    monkeypatch.setattr(attempt.gymnasium, "make", listening)
+    attempt.run_attempt(counting_task, 0, 0)
+    joints = np.random.default_rng((0, 0)).normal(size=(9, 23))
+    np.testing.assert_array_equal(executed, joints + 0.1)
+
+
+def test_policies_are_offered_no_privileged_column(counting_task, tmp_path, LeRobotDataset):
+    from lerobot.utils.feature_utils import dataset_to_policy_features
+
+    root = tmp_path / "count"
+    record.record(config(counting_task, root, episodes=1), [])
+    features = load(LeRobotDataset, root).meta.features
+    assert {"operator.draft", "contact.loads"} <= features.keys()
+    assert {key for key in dataset_to_policy_features(features) if "image" not in key} == {
+        "action",
+        *(f"observation.{name}" for name in ("state", "tactile", "fingertips", "gravity")),
+    }
+
+
+@pytest.mark.parametrize("source", ["motion", "pressing"])
+def test_a_person_per_attempt_leads_the_hand_and_the_draft_is_kept_clean(
+    counting_task, tmp_path, monkeypatch, LeRobotDataset, source
+):
+    monkeypatch.setattr(attempt, "make_expert", lambda task: follow)
+    root = tmp_path / "count"
+    record.record(config(counting_task, root, episodes=2, glove="novice", interface="raw", source=source), [])
+    found = numbers(load(LeRobotDataset, root))
+    np.testing.assert_allclose(found["operator.draft"], np.tile(MEASURED, (2, 1)), atol=2.0**-18)
+    first, second = found["action"][:9, 23:], found["action"][9:, 23:]
+    assert 0.002 < np.abs(first - MEASURED).max() < 0.1  # Late by 3 steps at 1/16 rad each.
+    assert np.abs(first - second).max() > 0.001  # Seeds 0 and 1 are two people.
+    card = (root / "README.md").read_text()
+    assert {"motion": "hold no squeeze", "pressing": "command into the object"}[source] in card
+    assert "its glove spoilt them: `novice`" in card
+    assert "another person in the glove" in card
+    with pytest.raises(DexFlexError, match=r"glove: 'novice' there, 'typical' now"):
+        record.record(
+            config(counting_task, root, episodes=2, glove="typical", interface="raw", source=source)
+        )
+
+
+def test_the_gloves_noise_is_in_the_labels_and_on_the_card_and_no_other_recording_is_continued(
     counting_task, tmp_path, monkeypatch, LeRobotDataset
 ):
     monkeypatch.setattr(attempt, "make_expert", lambda task: follow)
     root = tmp_path / "count"
-    record.record(config(counting_task, root, episodes=1, glove_noise=0.004), [])
+    record.record(config(counting_task, root, episodes=1, glove="noise_4mm", interface="raw"), [])
     actions = numbers(load(LeRobotDataset, root))["action"]
     offset = actions[:, 23:] - MEASURED
     assert 0.003 < np.abs(offset).max() < 0.0045  # The IK may miss by half a millimetre.
     assert np.abs(offset.mean()) < 0.001
     executed = np.stack([fingertips_of(joints).ravel() for joints in actions[:, 7:23]])
     np.testing.assert_allclose(actions[:, 23:], executed, atol=1e-5)
-    assert "glove is off by up to ±4.0 mm in every fingertip coordinate" in (root / "README.md").read_text()
-    with pytest.raises(DexFlexError, match=r"glove_noise: 0.004 there, 0.0 now"):
-        record.record(config(counting_task, root, episodes=1), [])
+    assert "its glove spoilt them: `noise_4mm`" in (root / "README.md").read_text()
+    with pytest.raises(DexFlexError, match=r"glove: 'noise_4mm' there, 'clean' now"):
+        record.record(config(counting_task, root, episodes=1, interface="raw"), [])
 
 
 def test_an_interface_decides_what_is_executed_and_recorded(counting_task, tmp_path, LeRobotDataset):
     """At a tiny gain the hand stays where it is measured, however the operator and its glove move."""
     root = tmp_path / "count"
-    record.record(config(counting_task, root, episodes=1, glove_noise=0.004, interface="raw@0.001"), [])
+    record.record(config(counting_task, root, episodes=1, glove="noise_4mm", interface="raw@0.001"), [])
     actions = numbers(load(LeRobotDataset, root))["action"]
     np.testing.assert_allclose(actions[:, 23:], MEASURED, atol=3e-3)  # What the IK misses at such a pace.
     assert np.abs(actions[:, :7]).max() > 0.5  # The arm does what the expert says.
     card = (root / "README.md").read_text()
     assert "passed through the interface `raw@0.001`; labels and execution are" in card
-    with pytest.raises(DexFlexError, match=r"interface: 'raw@0.001' there, 'raw' now"):
-        record.record(config(counting_task, root, episodes=1, glove_noise=0.004), [])
+    with pytest.raises(DexFlexError, match=r"interface: 'raw@0.001' there, 'joint' now"):
+        record.record(config(counting_task, root, episodes=1, glove="noise_4mm"), [])
 
 
 def test_a_learned_interface_names_its_controller_and_does_not_mix_two(
@@ -119,7 +173,9 @@ def test_a_learned_interface_names_its_controller_and_does_not_mix_two(
 
 def test_a_recipe_from_before_an_option_means_its_default():
     known = RecordConfig().to_dict()
-    assert identity({k: v for k, v in known.items() if k != "glove_noise"}) == identity(known)
+    assert identity(
+        {k: v for k, v in known.items() if k not in ("glove", "source", "interface")}
+    ) == identity(known)
 
 
 def test_every_element_is_named(counting_task, tmp_path):
@@ -135,6 +191,21 @@ def test_every_element_is_named(counting_task, tmp_path):
     assert names[23:26] == ["if_tip.x", "if_tip.y", "if_tip.z"]
     assert names[-1] == "th_tip.z"
     assert features["observation.images.front"]["info"]["video.codec"] == "h264"
+
+
+def test_tables_are_compressed_in_one_group_and_lerobot_reads_them(counting_task, tmp_path, LeRobotDataset):
+    root = tmp_path / "count"
+    record.record(config(counting_task, root), [])
+    for folder in ("data", "meta/episodes"):
+        found = pq.ParquetFile(root / folder / "chunk-000/file-000.parquet").metadata
+        assert found.num_row_groups == 1
+        group = found.row_group(0)
+        assert {group.column(k).compression for k in range(group.num_columns)} == {"ZSTD"}
+    dataset = load(LeRobotDataset, root)
+    assert [row["length"] for row in dataset.meta.episodes] == [9] * 4
+    assert dataset[35]["episode_index"] == 3
+    features = json.loads((root / "meta/info.json").read_text())["features"]
+    assert features["observation.images.wrist"]["info"]["video.g"] == 40
 
 
 def test_statistics_are_those_of_the_numbers(counting_task, tmp_path, LeRobotDataset):

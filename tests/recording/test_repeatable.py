@@ -27,7 +27,7 @@ from lerobot_dexflex.hand.model import JOINTS
 from lerobot_dexflex.recording import RecordConfig
 from lerobot_dexflex.recording.attempt import Attempt, save_attempt
 from lerobot_dexflex.recording.dataset import assemble
-from lerobot_dexflex.recording.schema import columns
+from lerobot_dexflex.recording.schema import columns, privileged_columns
 
 film, root = Path(sys.argv[1]), Path(sys.argv[2])
 staging = root.with_name(root.name + ".partial")
@@ -38,7 +38,7 @@ attempts = []
 for k in range(2):
     own = pictures[60 * k : 60 * (k + 1)]
     frames = {f"observation.images.{camera}": own for camera in ("front", "wrist")}
-    for key, column in columns(JOINTS).items():
+    for key, column in (columns(JOINTS) | privileged_columns()).items():
         frames[key] = np.random.default_rng(k).normal(size=(60, len(column.names))).astype(np.float32)
     attempts.append(Attempt(k, k, True, 60, 1.0, frames))
     save_attempt(attempts[-1], staging)

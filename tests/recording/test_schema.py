@@ -1,7 +1,7 @@
 import numpy as np
 
 from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
-from lerobot_dexflex.recording.schema import FPS, columns, robot_type, rounded
+from lerobot_dexflex.recording.schema import FPS, columns, privileged_columns, robot_type, rounded
 
 
 def test_the_rate_of_datasets_is_the_control_rate():
@@ -37,3 +37,15 @@ def test_taxels_are_named_in_the_order_of_the_flat_array():
     assert names[0, 0, 0] == "if_taxel.0.0"
     assert names[3, 9, 5] == "th_taxel.9.5"
     assert names[1, 2, 4] == "mf_taxel.2.4"
+
+
+def test_privileged_columns_are_named_apart_from_what_policies_get():
+    table = privileged_columns()
+    assert {key: len(column.names) for key, column in table.items()} == {
+        "operator.draft": 12,
+        "contact.loads": 4,
+    }
+    assert not table.keys() & columns(JOINTS).keys()
+    assert not any(key.startswith(("observation", "action")) for key in table)
+    assert table["contact.loads"].names == ["if_load", "mf_load", "rf_load", "th_load"]
+    assert all("privileged" in column.meaning for column in table.values())

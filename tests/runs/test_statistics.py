@@ -1,9 +1,18 @@
 from math import comb
 
+import numpy as np
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.runs.statistics import holm, mean_interval, paired_e_value, paired_test, success_rate
+from lerobot_dexflex.runs.statistics import (
+    holm,
+    mean_interval,
+    median_time,
+    paired_e_value,
+    paired_test,
+    success_rate,
+    two_level_interval,
+)
 
 
 def test_half_of_a_hundred_has_the_wilson_interval_derived_by_hand():
@@ -75,3 +84,52 @@ def test_degenerate_samples_have_no_made_up_interval():
     assert mean_interval([]) is None
     assert mean_interval([2.0]) == (2.0, None, 1)
     assert mean_interval([2.0, 2.0]) == (2.0, (2.0, 2.0), 2)
+
+
+def test_the_two_level_interval_is_of_the_average_of_groups_and_repeatable():
+    groups = [np.array([[0.0, 1.0], [1.0, 1.0]]), np.zeros((2, 5))]
+    found = two_level_interval(groups)
+    assert (found.mean, found.n) == (0.375, 14)
+    assert found == two_level_interval(groups)
+
+
+def test_one_training_has_the_interval_of_its_episodes():
+    # 50 of 100: the standard error is 5 points, the percentile interval 0.5 -+ 1.96 * 0.05.
+    found = two_level_interval([np.repeat([[0.0, 1.0]], 50, axis=1)])
+    assert found.ci95 == pytest.approx((0.402, 0.598), abs=0.011)
+
+
+def test_trainings_that_disagree_widen_the_interval_however_many_episodes():
+    groups = [np.array([[0.0] * 500, [1.0] * 500])]
+    # Both draws the same training in half of the resamples: 0 or 1.
+    assert two_level_interval(groups).ci95 == pytest.approx((0.0, 1.0))
+
+
+def test_initial_states_that_decide_widen_the_interval_however_many_trainings():
+    states = np.repeat([[0.0, 1.0]], 25, axis=1)  # (1, 50)
+    one, many = two_level_interval([states]).ci95, two_level_interval([np.tile(states, (20, 1))]).ci95
+    assert many == pytest.approx(one, abs=0.03)
+
+
+@pytest.mark.parametrize("trainings", [1, 3])
+def test_the_two_level_interval_covers_the_true_difference(trainings):
+    rng, hits, n = np.random.default_rng(0), 0, 60
+    spread = 0.05 if trainings > 1 else 0.0
+    for _ in range(n):
+        rates = rng.normal([[0.5], [0.7]], spread, (3, trainings, 2, 1))  # (tasks, trainings, methods, 1)
+        solved = rng.random((3, trainings, 2, 40)) < rates
+        interval = two_level_interval(list(1.0 * solved[:, :, 1] - solved[:, :, 0])).ci95
+        assert interval is not None
+        hits += interval[0] <= 0.2 <= interval[1]
+    # Of 60 intervals of 95 %, fewer than 51 cover with a probability below 1e-3.
+    assert hits >= 51
+
+
+def test_groups_of_different_trainings_are_refused():
+    with pytest.raises(DexFlexError, match=r"\(2, 3\), \(1, 3\)"):
+        two_level_interval([np.zeros((2, 3)), np.zeros((1, 3))])
+
+
+def test_the_median_time_counts_failures_as_later():
+    assert median_time([4.0, 6.0, 8.0, 16.0, 16.0], [True, True, True, False, False]) == 8.0
+    assert median_time([4.0, 6.0, 16.0, 16.0, 16.0], [True, True, False, False, False]) is None

@@ -17,7 +17,9 @@ import statsmodels.api as sm
 from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.families import CommandErrors
-from lerobot_dexflex.commands.loop import Source, run_chains
+from lerobot_dexflex.commands.loop import run_chains
+from lerobot_dexflex.commands.source import SOURCES as SOURCES
+from lerobot_dexflex.commands.source import Source
 from lerobot_dexflex.corpus.distortion import sample_errors
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
@@ -41,8 +43,6 @@ RANGES = {
 SWITCHES = ("blocked",)
 CLEAN_SHARE = 0.2
 """Of episodes in which nothing goes wrong; the others meet every family as often."""
-SOURCES: tuple[Source, ...] = ("motion", "pressing")
-"""Of trials with even and with odd numbers."""
 TRAINING_SEED = 1000
 """First seed of the chains: an object of the corpus's training split."""
 TASK, METHOD, TABLE = "Reach-v0", "press", "search.csv"

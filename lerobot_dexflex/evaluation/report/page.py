@@ -68,7 +68,9 @@ def _condition(
     )
     if len(summary.columns) > 1:
         yield html_table(table.rate_header(summary), table.rate_rows(summary))
-        yield picture(plots.success(summary), "Success over all tasks with Wilson 95 % intervals.")
+        yield picture(
+            plots.success(summary), "Success over all tasks with Wilson 95 % intervals, and letters."
+        )
     if summary.tests:
         yield html_table(table.pair_header(summary), table.pair_rows(summary))
     for task, part in summary.rows.groupby("task", sort=False):
@@ -79,7 +81,7 @@ def _task(comparison: Comparison, condition: str, task: str, summary: Summary) -
     yield f"<h3>{html.escape(task)}, {html.escape(condition)}</h3>"
     yield html_table(table.DETAIL_HEADER, table.detail_rows(summary))
     yield '<div class="row">'
-    yield picture(plots.success(summary), "Success rates with Wilson 95 % intervals.")
+    yield picture(plots.success(summary), "Success rates with Wilson 95 % intervals, and letters.")
     yield picture(plots.completion(summary), "Share of episodes solved within a time.")
     yield "</div>"
     yield picture(plots.paired(summary), "How each episode ended under each method.")

@@ -12,8 +12,13 @@ _ENDINGS = {"success": "#3bb273", "dropped": "#e0566b", "time out": "#d9a93a"}
 
 
 def success(summary: Summary) -> bytes:
-    """Draw success rates with Wilson intervals, the average over columns if there is one."""
+    """Draw success rates with Wilson intervals, the average over columns if there is one.
+
+    At the right stand the methods' letters: who shares one does not differ significantly; see
+    `Summary.letters`.
+    """
     figure, axes = new_figure(3.6, 2.5)
+    letters, margin = summary.letters, axes.get_yaxis_transform()
     for k, name in enumerate(summary.methods):
         found = summary.rates.get((name, summary.columns[-1]))
         if found is None:
@@ -23,6 +28,7 @@ def success(summary: Summary) -> bytes:
         error = np.clip([[rate - low], [high - rate]], 0, None)
         axes.errorbar(rate, k, xerr=error, fmt="o", color=colour(k), capsize=4, lw=2)
         axes.text(rate, k - 0.28, f"{rate:.0f} %", color=INK, ha="center", va="center", fontsize=8)
+        axes.text(1.02, k, letters.get(name, ""), color=INK, va="center", fontsize=8, transform=margin)
     axes.set(xlim=(-8, 108), ylim=(len(summary.methods) - 0.5, -0.6), xlabel="success [%], Wilson 95 %")
     axes.set_yticks(range(len(summary.methods)), list(summary.methods))
     return png(figure)

@@ -7,16 +7,15 @@ import pandas as pd
 
 from lerobot_dexflex.evaluation.failures import failures
 from lerobot_dexflex.evaluation.summary import PairTest, Summary
-from lerobot_dexflex.runs.statistics import Mean, Rate
+from lerobot_dexflex.runs.statistics import SIGNIFICANT, Mean, Rate
 
-SIGNIFICANT = 0.05
-"""Below this adjusted p-value a pair of methods is named in a sentence."""
 _MANY = 5
 """Of more methods, a sentence names only the pairs of the last one."""
 DETAIL_HEADER = (
     "method",
     "success",
     "95 % Wilson",
+    "letters",
     "progress",
     "time to success [s]",
     "drops",
@@ -26,9 +25,10 @@ DETAIL_HEADER = (
 _PAIR_HEADER = ("pair", "episodes", "only first", "only second", "McNemar p", "p (Holm)", "progress gain")
 _GROWN_HEADER = ("E", "1/E (Holm)")
 MEANINGS = (
-    "Success with Wilson 95 % intervals. Progress is each episode's largest, drops per episode, holding the "
-    "share of time with the object in hand, intervention the mean ||selected - draft|| / ||draft||; means "
-    "with bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over "
+    "Success with Wilson 95 % intervals. Methods that share a letter do not differ significantly (5 %, after "
+    "Holm). Progress is each episode's largest, drops per episode, holding the share of time "
+    "with the object in hand, intervention the mean ||selected - draft|| / ||draft||; means with bootstrap "
+    "95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over "
     "all pairs of the table; progress gain: second - first. E, where episodes come from more than one "
     "command: its inverse is a p-value also if some were added after a look."
 )
@@ -52,15 +52,15 @@ def rate_rows(summary: Summary) -> Rows:
 
 def detail_rows(summary: Summary) -> Rows:
     """Return everything that is known of each method, over all columns of the summary."""
-    rows = []
+    rows, letters = [], summary.letters
     for name in summary.methods:
         rate = summary.rates.get((name, summary.columns[-1]))
         found = ("-", "-") if rate is None else (_count(rate), _interval(rate))
         numbers = [
-            _mean(summary.mean(name, metric), 1 if metric == "completion_time" else 2)
+            mean_text(summary.mean(name, metric), 1 if metric == "completion_time" else 2)
             for metric in ("progress", "completion_time", "drops", "holding", "intervention")
         ]
-        rows.append([name, *found, *numbers])
+        rows.append([name, *found, letters.get(name, "-"), *numbers])
     return rows
 
 
@@ -79,7 +79,7 @@ def pair_rows(summary: Summary) -> Rows:
             str(test.only_second),
             f"{test.p_value:.3g}",
             f"{test.p_value_holm:.3g}",
-            _mean(summary.progress_gain(test), 2, sign="+"),
+            mean_text(summary.progress_gain(test), 2, sign="+"),
             *((_number(test.e_value), _number(test.p_anytime_holm)) if _any_grew(summary) else ()),
         ]
         for test in summary.tests
@@ -171,6 +171,17 @@ def as_markdown(header: Sequence[str], rows: Rows) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def mean_text(metric: Mean | None, digits: int, sign: str = "") -> str:
+    """Return a mean and its interval; `-` if unknown."""
+    if metric is None:
+        return "-"
+    text = f"{metric.mean:{sign}.{digits}f}"
+    if metric.ci95 is None:
+        return text
+    low, high = (f"{bound:{sign}.{digits}f}" for bound in metric.ci95)
+    return f"{text} [{low}, {high}]"
+
+
 def summary_title(rows: pd.DataFrame) -> str:
     """Return the tasks and conditions of some episodes."""
     tasks, conditions = dict.fromkeys(rows["task"]), dict.fromkeys(rows["condition"])
@@ -217,13 +228,3 @@ def _rate(rate: Rate | None, with_count: bool) -> str:
     low, high = rate.pc_success_ci95
     count = f", n = {rate.n_episodes}" if with_count else ""
     return f"{rate.pc_success:.0f} % [{low:.0f}, {high:.0f}]{count}"
-
-
-def _mean(metric: Mean | None, digits: int, sign: str = "") -> str:
-    if metric is None:
-        return "-"
-    text = f"{metric.mean:{sign}.{digits}f}"
-    if metric.ci95 is None:
-        return text
-    low, high = (f"{bound:{sign}.{digits}f}" for bound in metric.ci95)
-    return f"{text} [{low}, {high}]"

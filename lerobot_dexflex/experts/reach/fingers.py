@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.experts.reach.sensing import Senses
+from lerobot_dexflex.experts.reach.sensing import ObjectSenses
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class FingerStates:
 class Holder(Protocol):
     """Who holds an object and wants it elsewhere: the operator."""
 
-    senses: Senses
+    senses: ObjectSenses
     fingers: FingerStates
     goal: tuple[Array, Array]
     """Position [m] (3,) and orientation (w x y z)."""

@@ -19,12 +19,11 @@ from lerobot_dexflex.experts.reach.balance import balance_forces
 from lerobot_dexflex.experts.reach.fingers import FingerStates, Mode
 from lerobot_dexflex.experts.reach.paths import destination, follow_paths, next_on_path, shortened
 from lerobot_dexflex.experts.reach.regrasp import regrasp_points
-from lerobot_dexflex.experts.reach.sensing import HandState, Senses
+from lerobot_dexflex.experts.reach.sensing import HandState, ObjectSenses
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.poses import quaternion_matrix, quaternion_of, quaternion_product, rotation_between
-from lerobot_dexflex.hand.surfaces import surface_samples
 
 Array = NDArray[np.float64]
 
@@ -36,12 +35,14 @@ PRELOAD = 3.0
 """Internal squeeze per finger that is wished for [N], at least `_PRELOAD_GAIN` times the weight."""
 LEAST_FORCE = 0.8
 """Smallest normal force of a finger that holds [N]."""
+FRICTION_SHARE = 0.9
+"""Share of the friction that the force balance uses."""
 _LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
 _EAGERNESS = 0.15
 """Share of the way to the goal that the reference walks per step where that is slower."""
 _PULL, _LARGEST_PULL = (100.0, 0.25), (2.0, 0.05)
 """Wrench toward the goal: [N/m], [N m/rad], and at most [N], [N m]; it overcomes friction at rest."""
-_PRELOAD_GAIN, _FRICTION_SHARE = 1.5, 0.9
+_PRELOAD_GAIN = 1.5
 _REALIGN, _FORCE_SMOOTHING = 0.3, 0.3
 _LOST_AFTER = 3
 """A finger without load for so many steps no longer carries."""
@@ -83,16 +84,16 @@ class Operator:
     """Lead the object to goals by the fingertips; privileged.
 
     Args:
-        senses: True state of a running `ReachEnv` whose object is held.
+        senses: True state of a running task whose object is held, or about to be (`expect`).
         rng: Source of randomness, for regrasps only.
         strength: Factor of the internal squeeze that it executes.
     """
 
-    def __init__(self, senses: Senses, rng: np.random.Generator, strength: float = 1.0) -> None:
+    def __init__(self, senses: ObjectSenses, rng: np.random.Generator, strength: float = 1.0) -> None:
         self.senses, self._rng = senses, rng
         self.speed, self.preload, self.strength = SPEED, PRELOAD, strength
-        spec = senses.env.episode.object_spec
-        self.surface = surface_samples(spec, _SURFACE_POINTS, np.random.default_rng(0))
+        self.friction_share = FRICTION_SHARE
+        self.surface = senses.surface(_SURFACE_POINTS)
         now = senses.read()
         self.fingers = FingerStates(
             mode=np.where(now.loads > CONTACT_FORCE, int(Mode.HOLD), int(Mode.PARKED)),
@@ -284,7 +285,7 @@ class Operator:
             wrench = np.concatenate([pull - weight, twist - lever])
             preload = max(self.preload, _PRELOAD_GAIN * senses.mass * GRAVITY)
             inward = fingers.inward[holding] @ now.rotation.T
-            friction = _FRICTION_SHARE * senses.friction
+            friction = self.friction_share * senses.friction
             for k, strength in enumerate((1.0, self.strength)):
                 wanted[k, holding], _ = balance_forces(
                     points[holding],

@@ -1,7 +1,8 @@
 """What a privileged expert reads from a running `ReachEnv`, in few array operations."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +10,7 @@ from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.hand.grasp import OBJECT
 from lerobot_dexflex.hand.model import FINGERS
 from lerobot_dexflex.hand.poses import quaternion_matrix
+from lerobot_dexflex.hand.surfaces import surface_samples
 
 Array = NDArray[np.float64]
 
@@ -36,6 +38,64 @@ class HandState(NamedTuple):
     """Unit contact normals into the object; zero where nothing is touched. Shape (4, 3)."""
 
 
+class ObjectSenses(Protocol):
+    """What the operator must know of a task: of `Reach-v0` (`Senses`) or with a tool (`ToolSenses`)."""
+
+    env: Any
+    """The running environment, unwrapped."""
+    mass: float
+    """Of the object [kg]."""
+    friction: float
+    """Sliding friction of the fingertips on it."""
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration of gravity, palm frame [m/s^2]. Shape (3,)."""
+        ...
+
+    def surface(self, n: int) -> tuple[Array, Array]:
+        """Return points [m] and outward normals of the object in its frame, each (n, 3)."""
+        ...
+
+    def read(self) -> HandState:
+        """Read the state; valid after `mj_forward`."""
+        ...
+
+
+class FingerContacts:
+    """Adds up what the fingertips do to a body, in the world frame.
+
+    Args:
+        model: Of the running task.
+        body: Number of the body.
+    """
+
+    def __init__(self, model: mujoco.MjModel, body: int) -> None:
+        self._model, self._body = model, body
+        self._finger = np.full(model.nbody, -1)
+        for k, finger in enumerate(FINGERS):
+            self._finger[model.body(f"{finger}_ds").id] = k
+
+    def sums(self, data: mujoco.MjData) -> tuple[Array, Array, Array]:
+        """Return normal forces [N] (4,), and contact points [m] and normals weighted by them, each (4, 3).
+
+        Normals are unit vectors into the body.
+        """
+        loads, weighted, inward = np.zeros(4), np.zeros((4, 3)), np.zeros((4, 3))
+        contact = data.contact
+        bodies = self._model.geom_bodyid[contact.geom]  # (contacts, 2)
+        for k in np.flatnonzero((bodies == self._body).any(1) & (contact.efc_address >= 0)):
+            second = bodies[k, 1] == self._body
+            finger = self._finger[bodies[k, 0 if second else 1]]
+            if finger < 0:
+                continue
+            force = data.efc_force[contact.efc_address[k]]
+            loads[finger] += force
+            weighted[finger] += force * contact.pos[k]
+            inward[finger] += (force if second else -force) * contact.frame[k, :3]
+        return loads, weighted, inward
+
+
 class Senses:
     """Read one environment; make a new one after each reset, which builds another model."""
 
@@ -45,9 +105,7 @@ class Senses:
         self.mass = float(model.body(OBJECT).mass[0])
         self.friction = env.episode.object_spec.friction
         self._object = model.body(OBJECT).id
-        self._finger = np.full(model.nbody, -1)
-        for k, finger in enumerate(FINGERS):
-            self._finger[model.body(f"{finger}_ds").id] = k
+        self._contacts = FingerContacts(model, self._object)
         self._tips = [model.site(f"{finger}_tip").id for finger in FINGERS]
 
     @property
@@ -55,25 +113,17 @@ class Senses:
         """Acceleration of gravity [m/s^2]. Shape (3,)."""
         return self.env.model.opt.gravity.copy()
 
+    def surface(self, n: int) -> tuple[Array, Array]:
+        """Return points [m] and outward normals of the object in its frame, each (n, 3)."""
+        return surface_samples(self.env.episode.object_spec, n, np.random.default_rng(0))
+
     def read(self) -> HandState:
         """Read the state; valid after `mj_forward`."""
         data = self.env.data
         position, quaternion = data.qpos[16:19].copy(), data.qpos[19:23].copy()
         tips = data.site_xpos[self._tips]
-        loads, points, inward = np.zeros(4), tips.copy(), np.zeros((4, 3))
-        contact = data.contact
-        bodies = self.env.model.geom_bodyid[contact.geom]  # (contacts, 2)
-        touching = np.flatnonzero((bodies == self._object).any(1) & (contact.efc_address >= 0))
-        weighted = np.zeros((4, 3))
-        for k in touching:
-            second = bodies[k, 1] == self._object
-            finger = self._finger[bodies[k, 0 if second else 1]]
-            if finger < 0:
-                continue
-            force = data.efc_force[contact.efc_address[k]]
-            loads[finger] += force
-            weighted[finger] += force * contact.pos[k]
-            inward[finger] += (force if second else -force) * contact.frame[k, :3]
+        loads, weighted, inward = self._contacts.sums(data)
+        points = tips.copy()
         for finger in np.flatnonzero(loads > 1e-6):
             points[finger] = weighted[finger] / loads[finger]
             inward[finger] /= max(float(np.linalg.norm(inward[finger])), 1e-9)

@@ -1,0 +1,107 @@
+"""Motion primitives of the operator: the arm moves the palm while the hand does what it was told."""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from lerobot_dexflex.envs.hand_env import HandEnv
+from lerobot_dexflex.experts.command import Array, Command, Unsteadiness, min_jerk
+from lerobot_dexflex.experts.tool.hand import OperatorHand
+from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix, rotation_vector
+
+PALM_DOWN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Orientation of the palm over a table: fingers down, palm y away from the robot."""
+_ARM_NOISE, _HAND_NOISE = 0.010, 0.004
+
+
+class Pose(NamedTuple):
+    """Where a body is."""
+
+    position: Array
+    """Origin [m]. Shape (3,)."""
+    rotation: Array
+    """Orientation. Shape (3, 3)."""
+
+
+class Script:
+    """Keeps track of where the palm has been commanded to, and moves it on; the hand goes its own way.
+
+    Args:
+        env: The environment, unwrapped and just reset.
+        hand: The operator's hand.
+        rng: Source of the unsteadiness.
+        grasp_centre: Point between the pads that every pose is about, palm frame [m]. Shape (3,).
+    """
+
+    def __init__(
+        self, env: HandEnv, hand: OperatorHand, rng: np.random.Generator, grasp_centre: Array
+    ) -> None:
+        self._env, self.hand = env, hand
+        self._grasp_centre = grasp_centre
+        self._arm = env.command[:7]
+        self._kinematics = ArmKinematics(grasp_centre, self._arm)
+        scale = np.concatenate([np.full(7, _ARM_NOISE), np.full(16, _HAND_NOISE)])
+        self._noise = Unsteadiness(rng, scale)
+        self.care = 1.0
+        """Share of the natural unsteadiness; less of it where precision counts."""
+        self.position, self.rotation = self._kinematics.forward(self._arm)
+
+    def in_palm(self, position: Array, rotation: Array) -> Pose:
+        """Return a world pose in the measured palm frame: how an object is held."""
+        palm = self._env.data.body("palm")
+        palm_rotation = palm.xmat.reshape(3, 3)
+        return Pose(palm_rotation.T @ (position - palm.xpos), palm_rotation.T @ rotation)
+
+    def palm_for(self, held: Pose, position: Array, rotation: Array) -> Pose:
+        """Return the grasp point's position and palm orientation that bring a held object to a pose."""
+        palm_rotation = rotation @ held.rotation.T
+        return Pose(position + palm_rotation @ (self._grasp_centre - held.position), palm_rotation)
+
+    def swing(self, position: Array, rotation: Array, steps: int, seed: tuple) -> Iterator[Command]:
+        """Interpolate the joints to a pose found from a planar seed: for large reorientations."""
+        start, goal = self._arm, self._kinematics.reach(np.array(seed), position, rotation)
+        for k in range(1, steps + 1):
+            self._arm = start + min_jerk(k / steps) * (goal - start)
+            yield self._command()
+        self._kinematics.posture = goal
+        self.position, self.rotation = position, rotation
+
+    def glide(self, position: Array, rotation: Array, steps: int) -> Iterator[Command]:
+        """Move the palm on a straight line."""
+        start, start_rotation = self.position, self.rotation
+        turn = rotation_vector(start_rotation.T @ rotation)
+        for k in range(1, steps + 1):
+            phase = min_jerk(k / steps)
+            towards = start + phase * (position - start), start_rotation @ rotation_matrix(phase * turn)
+            yield self.step(*towards)
+        self.position, self.rotation = position, rotation
+
+    def step(self, position: Array, rotation: Array) -> Command:
+        """Move the palm to a nearby pose at once.
+
+        Args:
+            position: Position of the grasp point, world frame [m]. Shape (3,).
+            rotation: Orientation of the palm, world frame. Shape (3, 3).
+        """
+        self._arm = self._kinematics.solve(self._arm, position, rotation)
+        self.position, self.rotation = position, rotation
+        return self._command()
+
+    def hold(self, steps: int) -> Iterator[Command]:
+        """Keep still."""
+        for _ in range(steps):
+            yield self._command()
+
+    def wait(self, until: Callable[[], bool], steps: int) -> Iterator[Command]:
+        """Keep the palm still until something is true, at most for so many steps."""
+        for _ in range(steps):
+            if until():
+                return
+            yield self._command()
+
+    def _command(self) -> Command:
+        hand, draft = self.hand.step()
+        joints = np.concatenate([self._arm, hand])
+        executed = joints + self._noise.step(self.care)
+        return Command(joints, executed, draft, self.hand.slipping)
