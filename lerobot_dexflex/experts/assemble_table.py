@@ -91,12 +91,7 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     hand.go(grip.open, 22)
     yield from script.swing(grasp_point + np.array([0, 0, 0.07]), PALM_DOWN, 26, ARM_START)
     script.care = 0.3
-    yield from script.glide(grasp_point, PALM_DOWN, 18)
-    hand.go(grip.touch, 8)
-    yield from script.hold(8)
-    hand.grip(grip)
-    yield from script.wait(lambda: hand.gripped, 15)
-    yield from script.hold(3)
+    yield from script.take(grip, grasp_point, PALM_DOWN, 18)
     yield from script.glide(script.position + 0.03 * rotation[:, 2], PALM_DOWN, 8)
     straight = _made_upright(script.in_palm(*env.leg_pose).rotation)
     held = Pose(habit.centre - straight @ at, straight)
@@ -105,15 +100,15 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
 
     above = script.palm_for(held, env.goal_position + np.array([0, 0, 0.035]), PALM_DOWN @ straight)
     yield from script.swing(*above, 30, ARM_START)
-    yield from script.wait(lambda: hand.miss[1] < 0.06 and hand.miss[0] < 0.004, 20)
+    yield from script.wait(lambda: hand.there, 20)
     hand.keep()
     script.care = 0.2
     yield from _insert(env, script)
     yield from _screw(env, script, habit)
     script.care = 0.7
     hand.let_go()
-    hand.go(habit.grip(Handle(habit.centre, np.array([0.0, 0.0, 1.0]), episode.leg_radius)).open, 8)
-    yield from script.hold(8)
+    upright = habit.grip(Handle(habit.centre, np.array([0.0, 0.0, 1.0]), episode.leg_radius))
+    yield from script.move_hand(upright.open, 8)
     hand.relax(25, after=5)
     yield from script.glide(script.position + np.array([0, 0, 0.12]), script.rotation, 17)
     yield from script.hold(15)
@@ -157,12 +152,8 @@ def _screw(env: AssembleTableEnv, script: Script, habit: Habit) -> Iterator[Comm
         handle = Handle(centre, axis.rotation[:, 2], radius)
         end, begin = habit.grip(handle, room=ROOM), habit.grip(handle, STROKE / 2)
         hand.let_go()
-        hand.go(end.open, 5)
-        yield from script.hold(5)
-        hand.go(begin.open, 6)
-        yield from script.hold(6)
-        hand.go(begin.touch, 6)
-        yield from script.hold(6)
+        for joints, steps in ((end.open, 5), (begin.open, 6), (begin.touch, 6)):
+            yield from script.move_hand(joints, steps)
         hand.grip(begin, SCREW_PRELOAD, FRICTION_SHARE)
         yield from script.wait(lambda: hand.gripped, 5)
         stroke = STROKE

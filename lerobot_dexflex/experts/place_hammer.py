@@ -62,12 +62,7 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
     hand.go(grip.open, 20)
     yield from script.swing(grasp_point + np.array([0, 0, 0.08]), PALM_DOWN, 22, ARM_START)
     script.care = 0.5
-    yield from script.glide(grasp_point, PALM_DOWN, 15)
-    hand.go(grip.touch, 8)
-    yield from script.hold(8)
-    hand.grip(grip)
-    yield from script.wait(lambda: hand.gripped, 15)
-    yield from script.hold(3)
+    yield from script.take(grip, grasp_point, PALM_DOWN, 15)
     yield from script.glide(script.position + np.array([0, 0, 0.02]), PALM_DOWN, 6)
     hand.lead(*held)
     yield from script.glide(script.position + np.array([0, 0, 0.08]), PALM_DOWN, 14)
@@ -75,7 +70,7 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
     goal = env.goal_position
     via = np.array([0.49, goal[1], goal[2] + 0.03])
     yield from script.swing(*script.palm_for(held, via, HAMMER_UPRIGHT), 34, ARM_FORWARD)
-    yield from script.wait(lambda: hand.miss[1] < 0.06 and hand.miss[0] < 0.004, 20)
+    yield from script.wait(lambda: hand.there, 20)
 
     def palm_for(goal: Array) -> Pose:
         return script.palm_for(script.in_palm(*env.hammer_pose), goal, HAMMER_UPRIGHT)
@@ -86,11 +81,7 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
     yield from script.glide(*palm_for(goal + np.array([-0.002, 0, 0.010])), 22)
     yield from script.glide(*palm_for(goal + np.array([-0.002, 0, -0.001])), 11)
     straight = _grip(np.array([0.0, 1.0, 0.0]), episode.handle_radius, fingers)
-    hand.let_go()
-    hand.go(straight.touch, 4)
-    yield from script.hold(4)
-    hand.go(straight.open, 9)
-    yield from script.hold(9)
+    yield from script.let_go(straight, 9)
     hand.relax(25, after=5)
     yield from script.glide(script.position + 0.13 * script.rotation[:, 2], script.rotation, 17)
     yield from script.hold(15)

@@ -105,6 +105,12 @@ class OperatorHand:
         return pose_error(now.position, now.quaternion, *self.operator.goal)
 
     @property
+    def there(self) -> bool:
+        """Whether the tool is where it is led, to 4 mm and .06 rad."""
+        distance, angle = self.miss
+        return distance < 0.004 and angle < 0.06
+
+    @property
     def slipping(self) -> bool:
         """Whether a finger that shall hold the tool has lost it."""
         if self.operator is None:

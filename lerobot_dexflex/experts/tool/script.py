@@ -7,6 +7,7 @@ import numpy as np
 
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.experts.command import Array, Command, Unsteadiness, min_jerk
+from lerobot_dexflex.experts.tool.grip import Grip
 from lerobot_dexflex.experts.tool.hand import OperatorHand
 from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix, rotation_vector
 
@@ -92,6 +93,25 @@ class Script:
         """Keep still."""
         for _ in range(steps):
             yield self._command()
+
+    def move_hand(self, joints: Array, steps: int) -> Iterator[Command]:
+        """Keep the palm still while free fingers go to joint positions [rad] (16,)."""
+        self.hand.go(joints, steps)
+        yield from self.hold(steps)
+
+    def take(self, grip: Grip, position: Array, rotation: Array, steps: int) -> Iterator[Command]:
+        """Move the palm on a straight line to where a tool can be gripped, and grip it."""
+        yield from self.glide(position, rotation, steps)
+        yield from self.move_hand(grip.touch, 8)
+        self.hand.grip(grip)
+        yield from self.wait(lambda: self.hand.gripped, 15)
+        yield from self.hold(3)
+
+    def let_go(self, grip: Grip, steps: int) -> Iterator[Command]:
+        """Let go of what a grip holds, opening the fingers in so many steps."""
+        self.hand.let_go()
+        yield from self.move_hand(grip.touch, 4)
+        yield from self.move_hand(grip.open, steps)
 
     def wait(self, until: Callable[[], bool], steps: int) -> Iterator[Command]:
         """Keep the palm still until something is true, at most for so many steps."""
