@@ -16,7 +16,7 @@ LEG_LENGTH, STUD_LENGTH, STUD_RADIUS = 0.12, 0.016, 0.0072
 PITCH, TURNS = 0.004, 0.35
 """The thread: lead per turn [m], and turns until the leg is tight and the table top lights."""
 THREAD_ENTRY = 0.016
-"""Height of the thread's first turn above the table [m]; socket and funnel rise 4 and 10 mm above it."""
+"""Height of the thread's first turn above the table [m]; socket and funnel rise 4 and 18 mm above it."""
 LAMP_HEIGHT = 0.0115
 """Height of the lit lamp, just above the board [m]; the dark one hides as far inside the work table."""
 _SOCKET_GAP = 0.002
@@ -50,7 +50,7 @@ def add_table_top(spec: mujoco.MjSpec, pose: Pose2) -> None:
     for k in range(8):
         angle = k * np.pi / 4
         _add_wall(top, f"socket{k}", angle, inside, (0.006, 0.0065, rim / 2), dark)
-        _add_wall(top, f"funnel{k}", angle, inside, (0.002, 0.0065, 0.00425), light, rim, np.pi / 4)
+        _add_wall(top, f"funnel{k}", angle, inside, (0.002, 0.0115, 0.010), light, rim, np.pi / 4)
     lamp = spec.worldbody.add_body(name="lamp", pos=(x, y, -LAMP_HEIGHT), mocap=True)
     lamp.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,

@@ -85,7 +85,7 @@ class PourCupEnv(HandEnv):
             ball_turn=rng.uniform(-np.pi, np.pi),
             handle_half_width=rng.uniform(0.008, 0.013),
             tip_friction=rng.uniform(0.8, 1.2),
-            pitcher=(rng.uniform(0.615, 0.645), rng.uniform(0.04, 0.08), rng.uniform(-0.4, 0.4)),
+            pitcher=(rng.uniform(0.615, 0.645), rng.uniform(0.04, 0.08), rng.uniform(-0.2, 0.2)),
             bowl=(rng.uniform(0.34, 0.36), rng.uniform(-0.22, -0.19)),
             arm_noise=tuple(rng.normal(scale=0.03, size=len(robot.ARM_JOINTS))),
         )

@@ -88,9 +88,10 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     grasp_point = position + rotation @ at
     grip = habit.grip(Handle(habit.centre, PALM_DOWN.T @ rotation[:, 2], episode.leg_radius))
 
+    script.care = 0.5
     hand.go(grip.open, 22)
     yield from script.swing(grasp_point + np.array([0, 0, 0.07]), PALM_DOWN, 26, ARM_START)
-    script.care = 0.3
+    script.care = 0.12
     yield from script.take(grip, grasp_point, PALM_DOWN, 18)
     yield from script.glide(script.position + 0.03 * rotation[:, 2], PALM_DOWN, 8)
     straight = _made_upright(script.in_palm(*env.leg_pose).rotation)
@@ -98,14 +99,15 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     hand.lead(*held)
     yield from script.glide(script.position + np.array([0, 0, 0.05]), PALM_DOWN, 14)
 
+    script.care = 0.5
     above = script.palm_for(held, env.goal_position + np.array([0, 0, 0.035]), PALM_DOWN @ straight)
     yield from script.swing(*above, 30, ARM_START)
     yield from script.wait(lambda: hand.there, 20)
     hand.keep()
-    script.care = 0.2
+    script.care = 0.08
     yield from _insert(env, script)
     yield from _screw(env, script, habit)
-    script.care = 0.7
+    script.care = 0.3
     hand.let_go()
     upright = habit.grip(Handle(habit.centre, np.array([0.0, 0.0, 1.0]), episode.leg_radius))
     yield from script.move_hand(upright.open, 8)

@@ -42,7 +42,7 @@ def fingertips_of(hand_joints: ArrayLike) -> Array:
 
 
 class Unsteadiness:
-    """First-order autoregressive joint noise: smooth like a human hand, small against the task.
+    """First-order autoregressive joint noise: smooth like a human hand.
 
     Executing it while recording the steady command shows a student how to come back on track.
 
@@ -52,15 +52,15 @@ class Unsteadiness:
         correlation: Correlation of consecutive control steps.
     """
 
-    def __init__(self, rng: np.random.Generator, scale: Array, correlation: float = 0.9) -> None:
+    def __init__(self, rng: np.random.Generator, scale: Array, correlation: float = 0.95) -> None:
         self._rng, self._scale, self._correlation = rng, scale, correlation
         self._value = np.zeros_like(scale)
 
-    def step(self, share: float = 1.0) -> Array:
-        """Return the next offset [rad] (23,), multiplied by `share`."""
+    def step(self) -> Array:
+        """Return the next offset [rad] (23,)."""
         fresh = self._rng.normal(size=len(self._scale)) * np.sqrt(1 - self._correlation**2)
         self._value = self._correlation * self._value + fresh
-        return share * self._scale * self._value
+        return self._scale * self._value
 
 
 def min_jerk(phase: float) -> float:

@@ -61,12 +61,13 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
 
     hand.go(grip.open, 20)
     yield from script.swing(grasp_point + np.array([0, 0, 0.08]), PALM_DOWN, 22, ARM_START)
-    script.care = 0.5
+    script.care = 0.2
     yield from script.take(grip, grasp_point, PALM_DOWN, 15)
     yield from script.glide(script.position + np.array([0, 0, 0.02]), PALM_DOWN, 6)
     hand.lead(*held)
     yield from script.glide(script.position + np.array([0, 0, 0.08]), PALM_DOWN, 14)
 
+    script.care = 0.6
     goal = env.goal_position
     via = np.array([0.49, goal[1], goal[2] + 0.03])
     yield from script.swing(*script.palm_for(held, via, HAMMER_UPRIGHT), 34, ARM_FORWARD)
@@ -76,7 +77,7 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
         return script.palm_for(script.in_palm(*env.hammer_pose), goal, HAMMER_UPRIGHT)
 
     yield from script.swing(*palm_for(goal + np.array([-0.11, 0, 0.012])), 20, ARM_FORWARD)
-    script.care = 0.4
+    script.care = 0.16
     yield from script.glide(*palm_for(goal + np.array([-0.11, 0, 0.012])), 6)
     yield from script.glide(*palm_for(goal + np.array([-0.002, 0, 0.010])), 22)
     yield from script.glide(*palm_for(goal + np.array([-0.002, 0, -0.001])), 11)

@@ -96,18 +96,21 @@ def demonstrate(env: PourCupEnv, rng: np.random.Generator) -> Iterator[Command]:
     hand.go(grip.open, 20)
     behind = grasp_point + 0.085 * grasp_rotation[:, 2]
     yield from script.swing(behind, grasp_rotation, 22, ARM_FORWARD)
-    script.care = 0.5
+    script.care = 0.2
     yield from script.take(grip, grasp_point, grasp_rotation, 15)
     yield from script.glide(script.position + np.array([0, 0, 0.02]), script.rotation, 6)
     hand.lead(*upright)
     yield from script.glide(script.position + np.array([0, 0, 0.08]), script.rotation, 12)
 
+    script.care = 0.5
     bowl = np.array([*episode.bowl, 0.0])
     hover = upright_at(bowl, HOVER)
     yield from script.swing(*script.palm_for(upright, *hover), 28, ARM_FORWARD)
+    script.care = 0.3
     hand.lead(*tipped)
     yield from script.swing(*script.palm_for(tipped, *pouring_pose(bowl, SPILL_TILT)), 25, ARM_TILTED)
     hand.keep()
+    script.care = 0.2
     held = script.in_palm(*env.pitcher_pose)
     for tilt in np.linspace(SPILL_TILT, FULL_TILT, 31)[1:]:
         yield script.step(*script.palm_for(held, *pouring_pose(bowl, tilt)))
@@ -116,9 +119,11 @@ def demonstrate(env: PourCupEnv, rng: np.random.Generator) -> Iterator[Command]:
     for tilt in np.linspace(FULL_TILT, SPILL_TILT, 17)[1:]:
         yield script.step(*script.palm_for(held, *pouring_pose(bowl, tilt)))
 
+    script.care = 0.5
     yield from script.swing(*script.palm_for(tipped, *hover), 27, ARM_FORWARD)
     above = Pose(PLACE + np.array([0, 0, 0.06]), rotation_matrix(np.array([0, 0, np.pi])))
     yield from script.swing(*script.palm_for(tipped, *above), 22, ARM_FORWARD)
+    script.care = 0.2
     held = script.in_palm(*env.pitcher_pose)
     yield from script.glide(*script.palm_for(held, *above._replace(position=PLACE)), 14)
     straight = _grip(np.array([0.0, 1.0, 0.0]), episode.handle_half_width, fingers)

@@ -76,11 +76,15 @@ class DexflexFlowConfig(PreTrainedConfig):
     millimetres wide, as much as a grasp forgives."""
     brightness: float = 0.1
     """Standard deviation of a random brightness factor and contrast factor per image."""
-    state_noise: float = 0.01
-    """Standard deviation of noise on the measured joints [rad]: it blunts the shortcut of copying the
-    state into the action."""
+    arm_noise: float = 0.03
+    """Standard deviation of noise on the arm's measured joints [rad]. In demonstrations the arm is already
+    where the tool makes it go; a policy that believes it does not look, and never corrects its own errors."""
+    hand_noise: float = 0.01
+    """The same on the hand's measured joints [rad]."""
     fingertip_noise: float = 0.001
     """The same on the measured fingertips [m]."""
+    sight_weight: float = 10.0
+    """Weight of a second loss: images alone must tell where the arm will be at the end of the plan."""
     touch_dropout: float = 0.1
     """Probability of hiding all taxels of a sample, so that the policy survives without touch."""
 

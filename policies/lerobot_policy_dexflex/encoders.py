@@ -8,6 +8,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 FINGERS, TAXELS = 4, 60
+IMAGE_TOKENS = 2
+"""Tokens per camera; they come first."""
 
 
 class Observation(NamedTuple):
@@ -97,7 +99,7 @@ class ObservationEncoder(nn.Module):
         self.image = nn.ModuleList(ImageEncoder(height, width, n_keypoints, dim) for height, width in sizes)
         self.touch = TouchEncoder(dim)
         self.body = _mlp(state_dim + FINGERS * 3 + 3, dim)
-        self.n_tokens = 2 * len(self.cameras) + FINGERS + 1
+        self.n_tokens = IMAGE_TOKENS * len(self.cameras) + FINGERS + 1
         self.position = nn.Parameter(torch.randn(self.n_tokens, dim) * 0.02)
 
     def forward(self, observation: Observation) -> Tensor:

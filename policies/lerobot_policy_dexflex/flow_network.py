@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lerobot_policy_dexflex.encoders import Observation, ObservationEncoder
+from lerobot_policy_dexflex.encoders import IMAGE_TOKENS, Observation, ObservationEncoder
 
 LAST_TIME = 0.9
 """Latest flow time that is trained; later ones are never visited by up to ten Euler steps."""
@@ -26,6 +26,8 @@ class Context(NamedTuple):
     """Shape (batch, heads, tokens, head_dim)."""
     summary: Tensor
     """Shape (batch, dim)."""
+    images: Tensor
+    """Tokens of the images, one after the other. Shape (batch, image tokens * dim)."""
 
 
 class Block(nn.Module):
@@ -77,6 +79,7 @@ class FlowNetwork(nn.Module):
         image_shapes: Per camera key, (channels, height, width).
         state_dim: Number of measured joints.
         action_dim: Numbers per control step.
+        n_arm: Joints of the arm.
         chunk_size: Control steps per chunk.
         dim: Width of tokens.
         n_layers: Transformer blocks.
@@ -91,6 +94,7 @@ class FlowNetwork(nn.Module):
         image_shapes: dict[str, tuple[int, ...]],
         state_dim: int,
         action_dim: int,
+        n_arm: int,
         chunk_size: int,
         dim: int,
         n_layers: int,
@@ -111,6 +115,9 @@ class FlowNetwork(nn.Module):
         self.position = nn.Parameter(torch.randn(chunk_size // _STEPS_PER_TOKEN, dim) * 0.02)
         self.blocks = nn.ModuleList(Block(dim, n_heads, mlp_ratio, dropout) for _ in range(n_layers))
         self.action_out = nn.Linear(dim, _STEPS_PER_TOKEN * action_dim)
+        n_seen = IMAGE_TOKENS * len(image_shapes)
+        self.arm_seen = nn.Sequential(nn.Linear(n_seen * dim, dim), nn.GELU(), nn.Linear(dim, n_arm))
+        """Where images alone see the arm go; it only teaches the image encoders to look."""
         for layer in (modulation, self.action_out):
             nn.init.zeros_(layer.weight)
             nn.init.zeros_(layer.bias)
@@ -120,7 +127,8 @@ class FlowNetwork(nn.Module):
         tokens = self.norm(self.observation(observation))
         key_value = self.key_value(tokens).unflatten(-1, (2, self.n_heads, -1))
         keys, values = key_value.permute(2, 0, 3, 1, 4)
-        return Context(keys, values, tokens.mean(1))
+        images = tokens[:, : IMAGE_TOKENS * len(self.observation.cameras)].flatten(1)
+        return Context(keys, values, tokens.mean(1), images)
 
     def clean(self, x_t: Tensor, t: Tensor, context: Context) -> Tensor:
         """Return the clean chunk that is expected at flow time t, which is 0 at noise and 1 at data.

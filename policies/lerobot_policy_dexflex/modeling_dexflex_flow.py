@@ -57,6 +57,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
     config: DexflexFlowConfig
     updates: Tensor
     weights: Tensor
+    joint_noise: Tensor
 
     def __init__(
         self,
@@ -83,6 +84,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
             {key: tuple(feature.shape) for key, feature in config.image_features.items()},
             n_joints,
             self.plan.size,
+            self.plan.n_arm,
             config.chunk_size,
             config.dim,
             config.n_layers,
@@ -94,6 +96,9 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         self.average = copy.deepcopy(self.network).requires_grad_(False)
         self.register_buffer("updates", torch.zeros((), dtype=torch.int64))
         self.register_buffer("weights", self.plan.weights(), persistent=False)
+        noise = torch.full((n_joints,), config.hand_noise)
+        noise[: self.plan.n_arm] = config.arm_noise
+        self.register_buffer("joint_noise", noise, persistent=False)
         interface = link_interface(config)
         self.execution = ChunkExecution(interface, self.plan.n_arm, config.n_action_steps)
         if dataset_stats is not None:
@@ -162,6 +167,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         """Return the error of the clean plan on `noise_draws` pairs of time and noise per sample.
 
         It is the flow-matching loss with weight (1 - t)^2. See `PlanLayout.weights` for that of the numbers.
+        The error of what images alone tell of the arm is added, `sight_weight` times.
 
         Args:
             batch: Observation, `action` (batch, chunk_size, action) in raw units, `action_is_pad`; measured
@@ -169,21 +175,33 @@ class DexflexFlowPolicy(PreTrainedPolicy):
             reduction: `mean`, or `none` for one loss per sample.
         """
         network = self.network if self.training else self.average
-        observation, reference = self._observe(batch)
+        observation = self._observe(batch)
         valid = ~batch[f"{ACTION}_is_pad"]
-        relative = self.plan.targets(batch) - reference
+        plans = self.plan.targets(batch)
         if self.training:
-            self.scale.observe(relative, valid)
-        x_1 = self.scale(relative)
+            self.scale.observe(plans, valid)
+        x_1 = self.scale(plans)
         t, x_0 = self._draw(x_1)
         x_t = torch.lerp(x_0, x_1.expand_as(x_0), t[..., None, None])  # (draws, batch, chunk, size)
-        clean = network.clean(x_t, t, network.encode(observation))
+        context = network.encode(observation)
+        clean = network.clean(x_t, t, context)
         error = ((clean - x_1).square() * self.weights).sum(-1).mean(0)  # (batch, chunk)
+        unseen = self._unseen(network.arm_seen(context.images), batch) * valid[:, -1]
+        weight = self.config.sight_weight
         per_sample = (error * valid).sum(1) / valid.sum(1)
         if reduction == "none":
-            return per_sample, {"flow_loss": per_sample.mean().item()}
+            return per_sample + weight * unseen, {"flow_loss": per_sample.mean().item()}
         loss = (error * valid).sum() / valid.sum()
-        return loss, {"flow_loss": loss.item()}
+        sight_loss = unseen.sum() / valid[:, -1].sum().clamp(min=1)
+        return loss + weight * sight_loss, {"flow_loss": loss.item(), "sight_loss": sight_loss.item()}
+
+    def _unseen(self, arm_seen: Tensor, batch: Mapping[str, Any]) -> Tensor:
+        """Return the squared error of the arm at the end of plans as images show it, at unit scale (batch,)."""
+        n, scale = self.plan.n_arm, self.normalization.state
+        if not n:
+            return arm_seen.new_zeros(len(arm_seen))
+        arm = (batch[ACTION][:, -1, :n] - scale.mean[:n]) / scale.std[:n]
+        return (arm_seen - arm).square().mean(-1)
 
     def _draw(self, x_1: Tensor) -> tuple[Tensor, Tensor]:
         """Draw times, stratified over the draws of a sample, and noise."""
@@ -192,21 +210,20 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         t = LAST_TIME * (stratum + torch.rand(draws, batch, device=x_1.device)) / draws
         return t, torch.randn(draws, *x_1.shape, device=x_1.device)
 
-    def _observe(self, batch: Mapping[str, Any]) -> tuple[Observation, Tensor]:
-        """Normalise an observation in raw units, augmented in training; also return what plans start from."""
+    def _observe(self, batch: Mapping[str, Any]) -> Observation:
+        """Normalise an observation in raw units, augmented in training."""
         config, normalize = self.config, self.normalization
         images = {key: 2 * batch[key] - 1 for key in config.image_features}
         state, tips = batch[OBS_STATE], batch[FINGERTIPS]
         missing = torch.zeros(len(state), dtype=torch.bool, device=state.device)
-        reference = self.plan.reference(state, tips)
         if self.training:
             images = {
                 key: shift_images(vary_light(image, config.brightness), config.image_shift)
                 for key, image in images.items()
             }
-            state, tips = jitter(state, config.state_noise), jitter(tips, config.fingertip_noise)
+            state, tips = jitter(state, self.joint_noise), jitter(tips, config.fingertip_noise)
             missing = torch.rand(len(state), device=state.device) < config.touch_dropout
-        observation = Observation(
+        return Observation(
             images,
             normalize.state(state),
             normalize.fingertips(tips).unflatten(-1, (4, 3)),
@@ -214,7 +231,6 @@ class DexflexFlowPolicy(PreTrainedPolicy):
             compress_touch(batch[TACTILE], config.taxel_full_scale),
             missing,
         )
-        return observation, reference
 
     @torch.no_grad()
     def predict_plan(self, batch: Mapping[str, Any], noise: Tensor | None = None) -> Tensor:
@@ -233,13 +249,13 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         elif tuple(noise.shape) != shape:
             raise DexFlexError(f"`noise` must have shape {shape}. Got {tuple(noise.shape)}.")
         network = self.network if self.training else self.average
-        observation, reference = self._observe(batch)
+        observation = self._observe(batch)
         context = network.encode(observation)
         x = noise.unsqueeze(0)
         for k in range(self.config.euler_steps):
             t = x.new_full(x.shape[:2], k / self.config.euler_steps)
             x = x + (network.clean(x, t, context) - x) / (self.config.euler_steps - k)
-        return reference + self.scale.inverse(x[0])
+        return self.scale.inverse(x[0])
 
     @torch.no_grad()
     def predict_action_chunk(  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -5,8 +5,10 @@
     | arm joints [rad] | joint: hand joints [rad] | commanded: fingertips [m] | measured: fingertips [m] |
     |      n_arm       |            16            |            12             |            12            |
 
-Parts that are not learned are left out. The network sees a plan relative to where the robot is measured when
-it is made: arm and hand joints relative to the measured joints, fingertips to the measured fingertips.
+Parts that are not learned are left out. All numbers are absolute. Relative to where the robot is, plans are
+easier to predict, and worse to execute: in demonstrations the arm is already where the tool makes it go, so the
+network need not look, and keeps every error it has made (de Haan et al. 2019, "Causal confusion in imitation
+learning"; numbers in `eval/LOG.md`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -66,16 +68,6 @@ class PlanLayout:
             MEASURED: lambda: measured_tips(batch),
         }
         return torch.cat([action[..., : self.n_arm], *(parts[part]() for part in self._slices)], -1)
-
-    def reference(self, state: Tensor, tips: Tensor) -> Tensor:
-        """Return what plans are relative to. Shape (batch, 1, size).
-
-        Args:
-            state: Measured joints [rad]. Shape (batch, joints).
-            tips: Measured fingertips [m]. Shape (batch, 12).
-        """
-        arm, hand = state[:, : self.n_arm], state[:, self.n_arm :]
-        return torch.cat([arm, *(hand if part == JOINT else tips for part in self._slices)], -1)[:, None]
 
     def columns(self, part: str) -> list[int]:
         """Return the columns of what an interface executes: the arm and one part of the hand."""
@@ -142,7 +134,7 @@ class PlanScale(nn.Module):
         """Take a training batch into account, if it is one of the first.
 
         Args:
-            plans: Relative. Shape (batch, chunk, size).
+            plans: Shape (batch, chunk, size).
             valid: Steps within the demonstration. Shape (batch, chunk), bool.
         """
         if self.batches >= FITTED_BATCHES:
@@ -161,7 +153,7 @@ class PlanScale(nn.Module):
         self.counts.copy_(counts)
 
     def forward(self, plans: Tensor) -> Tensor:
-        """Normalise relative plans (..., chunk, size)."""
+        """Normalise plans (..., chunk, size)."""
         return (plans - self.mean) / self.std
 
     def inverse(self, plans: Tensor) -> Tensor:

@@ -58,13 +58,17 @@ def test_a_swing_ends_at_its_pose(env, script):
     assert angle < 5e-3
 
 
-def test_care_scales_what_is_executed_only(script):
+def test_care_calms_the_arm_gradually_and_changes_what_is_executed_only(script):
+    off = lambda command: np.abs(command.executed - command.joint_targets)[:7].mean()
+    strayed = [off(command) for command in script.hold(400)]
+    assert np.mean(strayed) == pytest.approx(0.025 * np.sqrt(2 / np.pi), rel=0.3)
     script.care = 0.0
-    (command,) = script.hold(1)
-    assert np.array_equal(command.executed, command.joint_targets)
-    script.care = 1.0
-    (command,) = script.hold(1)
-    assert not np.array_equal(command.executed, command.joint_targets)
+    calming = [off(command) for command in script.hold(13)]
+    assert calming[0] > 0
+    assert calming[-1] == 0
+    command = next(iter(script.hold(1)))
+    assert np.array_equal(command.executed[:7], command.joint_targets[:7])
+    assert not np.array_equal(command.executed[7:], command.joint_targets[7:])
     assert command.draft.shape == (8, 4, 3)
     assert command.slipping is False
 

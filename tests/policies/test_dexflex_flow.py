@@ -223,7 +223,9 @@ def test_measured_fingertips_are_needed_only_where_they_are_learned(build, sampl
 
 
 def test_dropout_acts_in_training_alone(build, samples):
-    policy = build(interface="raw", dropout=0.5, touch_dropout=0.0, brightness=0.0, state_noise=0.0)
+    policy = build(
+        interface="raw", dropout=0.5, touch_dropout=0.0, brightness=0.0, arm_noise=0.0, hand_noise=0.0
+    )
     train(policy, samples, 3)  # Gates of the blocks start at 0: nothing would be hidden.
     network, average = policy.network, policy.average
     assert torch.equal(_seeded(policy, samples), _seeded(policy, samples))

@@ -13,7 +13,11 @@ from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix, rotation_ve
 
 PALM_DOWN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Orientation of the palm over a table: fingers down, palm y away from the robot."""
-_ARM_NOISE, _HAND_NOISE = 0.010, 0.004
+_ARM_NOISE, _HAND_NOISE = 0.025, 0.002
+"""Unsteadiness [rad]. On its way through the air the arm strays by centimetres, as learned policies do, so that
+demonstrations show the way back (DART, Laskey et al. 2017)."""
+_EASE = 0.08
+"""Largest change of `Script.care` that takes effect in a step."""
 
 
 class Pose(NamedTuple):
@@ -44,8 +48,8 @@ class Script:
         self._kinematics = ArmKinematics(grasp_centre, self._arm)
         scale = np.concatenate([np.full(7, _ARM_NOISE), np.full(16, _HAND_NOISE)])
         self._noise = Unsteadiness(rng, scale)
-        self.care = 1.0
-        """Share of the natural unsteadiness; less of it where precision counts."""
+        self.care = self._share = 1.0
+        """Share of the arm's unsteadiness; less of it where precision counts. It takes effect gradually."""
         self.position, self.rotation = self._kinematics.forward(self._arm)
 
     def in_palm(self, position: Array, rotation: Array) -> Pose:
@@ -123,5 +127,7 @@ class Script:
     def _command(self) -> Command:
         hand, draft = self.hand.step()
         joints = np.concatenate([self._arm, hand])
-        executed = joints + self._noise.step(self.care)
-        return Command(joints, executed, draft, self.hand.slipping)
+        self._share += float(np.clip(self.care - self._share, -_EASE, _EASE))
+        noise = self._noise.step()
+        noise[:7] *= self._share
+        return Command(joints, joints + noise, draft, self.hand.slipping)
