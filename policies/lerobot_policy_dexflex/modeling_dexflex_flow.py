@@ -196,7 +196,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         return loss + weight * sight_loss, {"flow_loss": loss.item(), "sight_loss": sight_loss.item()}
 
     def _unseen(self, arm_seen: Tensor, batch: Mapping[str, Any]) -> Tensor:
-        """Return the squared error of the arm at the end of plans as images show it, at unit scale (batch,)."""
+        """Return the squared error of the arm at the end of plans as images show it, unit scale (batch,)."""
         n, scale = self.plan.n_arm, self.normalization.state
         if not n:
             return arm_seen.new_zeros(len(arm_seen))

@@ -6,9 +6,9 @@
     |      n_arm       |            16            |            12             |            12            |
 
 Parts that are not learned are left out. All numbers are absolute. Relative to where the robot is, plans are
-easier to predict, and worse to execute: in demonstrations the arm is already where the tool makes it go, so the
-network need not look, and keeps every error it has made (de Haan et al. 2019, "Causal confusion in imitation
-learning"; numbers in `eval/LOG.md`).
+easier to predict, and worse to execute: in demonstrations the arm is already where the tool makes it go, so
+the network need not look, and keeps every error it has made (de Haan et al. 2019, "Causal confusion in
+imitation learning"; numbers in `eval/LOG.md`).
 """
 
 from collections.abc import Mapping, Sequence

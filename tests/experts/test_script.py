@@ -59,7 +59,9 @@ def test_a_swing_ends_at_its_pose(env, script):
 
 
 def test_care_calms_the_arm_gradually_and_changes_what_is_executed_only(script):
-    off = lambda command: np.abs(command.executed - command.joint_targets)[:7].mean()
+    def off(command):
+        return np.abs(command.executed - command.joint_targets)[:7].mean()
+
     strayed = [off(command) for command in script.hold(400)]
     assert np.mean(strayed) == pytest.approx(0.025 * np.sqrt(2 / np.pi), rel=0.3)
     script.care = 0.0

@@ -66,25 +66,44 @@ def test_the_loss_falls_to_a_fraction_when_a_few_samples_are_fitted(fitted):
     assert np.mean(losses[-20:]) < 0.3 * losses[0]
 
 
-def test_an_untrained_policy_stays_where_it_is_because_its_last_step_lands_on_the_clean_chunk(
+def test_an_untrained_policy_plans_the_mean_because_its_last_step_lands_on_the_clean_chunk(
     build, observation
 ):
-    # The network's head starts at 0, the mean, which is no motion before any data were seen; 8 Euler steps
-    # with v = (0 - x) / (1 - t) end there exactly.
-    policy = build(interface="raw").eval()
-    state, tips = observation["observation.state"], observation["observation.fingertips"]
-    here = torch.cat([state, tips, tips], 1)[:, None].expand(-1, 24, -1)
-    torch.testing.assert_close(policy.predict_plan(observation, noise(policy)), here)
-
-
-def test_plans_move_with_the_robot(build, observation):
+    # The network's head starts at 0, the mean; 8 Euler steps with v = (0 - x) / (1 - t) end there exactly.
     policy = build(interface="raw").eval()
     policy.scale.mean.normal_()
-    before = policy.predict_plan(observation, noise(policy))
-    moved = {**observation, "observation.state": observation["observation.state"] + 0.125}
-    after = policy.predict_plan(moved, noise(policy))
-    difference = torch.cat([torch.full((23,), 0.125), torch.zeros(24)]).expand_as(before)
-    torch.testing.assert_close(after - before, difference, rtol=0, atol=1e-5)
+    mean = policy.scale.mean.expand(len(observation["observation.state"]), -1, -1)
+    torch.testing.assert_close(policy.predict_plan(observation, noise(policy)), mean)
+
+
+def test_images_alone_learn_where_the_arm_goes(build, samples):
+    policy = build(interface="raw", brightness=0.0)
+    arm = samples["action"][:, -1, :7]
+    reached = (arm - policy.normalization.state.mean[:7]) / policy.normalization.state.std[:7]
+
+    def error(joints):
+        shown = {**samples, "observation.state": joints}
+        seen = policy.average.arm_seen(policy.average.encode(policy._observe(shown)).images)
+        return (seen - reached)[~samples["action_is_pad"][:, -1]].square().mean().item()
+
+    before = error(samples["observation.state"])
+    train(policy, samples, 60)
+    after = error(samples["observation.state"])
+    assert after < 0.3 * before
+    assert error(torch.zeros_like(samples["observation.state"])) == pytest.approx(after)
+
+
+def test_the_second_loss_has_its_weight(build, samples):
+    torch.manual_seed(0)
+    with_images = build(interface="raw", sight_weight=2.0).eval()
+    without = build(interface="raw", sight_weight=0.0).eval()
+    without.load_state_dict(with_images.state_dict())
+    torch.manual_seed(1)
+    loss, parts = with_images.forward(samples)
+    torch.manual_seed(1)
+    alone, _ = without.forward(samples)
+    assert parts["sight_loss"] > 0
+    assert loss.item() == pytest.approx(alone.item() + 2 * parts["sight_loss"], rel=1e-5)
 
 
 def demonstrated(samples, part):
@@ -102,8 +121,7 @@ def test_fitted_chunks_lie_close_to_the_demonstrated_ones(trained, samples, inte
     predicted = policy.predict_action_chunk(samples, noise(policy, 16))
     part = "measured" if interface == "raw" else interface
     columns, valid = policy.plan.columns(part), ~samples["action_is_pad"]
-    here = policy.plan.reference(samples["observation.state"], samples["observation.fingertips"])
-    mean, std = here[..., columns] + policy.scale.mean[:, columns], policy.scale.std[:, columns]
+    mean, std = policy.scale.mean[:, columns], policy.scale.std[:, columns]
     error, ignorant = (
         ((plan - demonstrated(samples, interface)) / std)[valid].abs().mean() for plan in (predicted, mean)
     )
@@ -229,7 +247,7 @@ def test_dropout_acts_in_training_alone(build, samples):
     train(policy, samples, 3)  # Gates of the blocks start at 0: nothing would be hidden.
     network, average = policy.network, policy.average
     assert torch.equal(_seeded(policy, samples), _seeded(policy, samples))
-    observed = policy._observe(samples)[0]
+    observed = policy._observe(samples)
     x, t = torch.randn(1, 16, 24, policy.plan.size), torch.full((1, 16), 0.5)
     policy.train()
     first, second = (network.clean(x, t, network.encode(observed)) for _ in range(2))

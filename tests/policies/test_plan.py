@@ -33,14 +33,6 @@ def test_the_arm_weighs_half_and_the_learned_parts_share_the_other_half():
     assert [hand_alone[:16].sum().item(), hand_alone[16:].sum().item()] == pytest.approx([0.5, 0.5])
 
 
-def test_the_arm_is_absolute_and_the_hand_relative_to_measured_joints_and_measured_fingertips():
-    state, tips = torch.arange(23.0)[None], 100 + torch.arange(12.0)[None]
-    reference = PlanLayout(7, ALL).reference(state, tips)
-    assert reference.shape == (1, 1, 47)
-    assert torch.equal(reference[0, 0], torch.cat([torch.zeros(7), state[0, 7:], tips[0], tips[0]]))
-    assert torch.equal(PlanLayout(0, ["measured"]).reference(state[:, 7:], tips)[:, 0], tips)
-
-
 @pytest.fixture
 def scale():
     return PlanScale(2, PlanLayout(7, ["measured"]))

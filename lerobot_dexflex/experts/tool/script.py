@@ -14,8 +14,8 @@ from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix, rotation_ve
 PALM_DOWN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Orientation of the palm over a table: fingers down, palm y away from the robot."""
 _ARM_NOISE, _HAND_NOISE = 0.025, 0.002
-"""Unsteadiness [rad]. On its way through the air the arm strays by centimetres, as learned policies do, so that
-demonstrations show the way back (DART, Laskey et al. 2017)."""
+"""Unsteadiness [rad]. On its way through the air the arm strays by centimetres, as learned policies do, so
+that demonstrations show the way back (DART, Laskey et al. 2017)."""
 _EASE = 0.08
 """Largest change of `Script.care` that takes effect in a step."""
 
