@@ -89,6 +89,8 @@ class HandEnv(gymnasium.Env):
             raise DexFlexError(f"`render_mode` must be 'rgb_array' or None. Got {render_mode!r}.")
         self.render_mode = render_mode
         self.task_description = TASKS[self.task].description
+        self.seeing = True
+        """Whether cameras are rendered; if not, observations repeat the last images. `reset` looks again."""
         self._cameras = tuple(cameras)
         self._image_size, self._render_size = image_size, render_size
         self._disturbance = find_disturbance(disturbance)
@@ -136,6 +138,7 @@ class HandEnv(gymnasium.Env):
         """Start the episode that `seed` alone decides."""
         super().reset(seed=seed)
         del options
+        self.seeing = True
         return self._start(self._sample_episode(self.np_random))
 
     def _start(self, episode: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -269,7 +272,9 @@ class HandEnv(gymnasium.Env):
         gravity = self.model.opt.gravity / np.linalg.norm(self.model.opt.gravity)
         observation: dict[str, Any] = {}
         if self._cameras:
-            observation["pixels"] = {name: view.render(data) for name, view in self._views.items()}
+            if self.seeing:
+                self._pixels = {name: view.render(data) for name, view in self._views.items()}
+            observation["pixels"] = dict(self._pixels)
         return observation | {
             "agent_pos": joints.astype(np.float32),
             "tactile": self._touch.read(data, self.np_random).astype(np.float32).reshape(-1),

@@ -153,6 +153,11 @@ class LeRobotController:
         """See `Controller.motion`."""
         return self._observer.change
 
+    @property
+    def looks(self) -> bool:
+        """See `Glancing.looks`: policies under the adapter may keep a history of images."""
+        return self._policy.name != "dexflex_flow" or self._policy.execution.due
+
     def reset(self, seeds: Sequence[int]) -> None:
         """Start one episode per seed."""
         torch.manual_seed(seeds[0])  # For a policy under the adapter that samples: it draws its own noise.

@@ -62,6 +62,16 @@ class Onlooker(Protocol):
         ...
 
 
+@runtime_checkable
+class Glancing(Protocol):
+    """A controller that looks in some steps only: rendering takes a third of a rollout's time."""
+
+    @property
+    def looks(self) -> bool:
+        """Whether the next `act` reads images."""
+        ...
+
+
 class Watcher(Protocol):
     """Sees every step of one episode and its end, to film or log it."""
 
@@ -160,7 +170,9 @@ def run_group(
     while running:
         actions = controller.act(_stack(observations), task)
         motion = controller.motion
+        looks = not isinstance(controller, Glancing) or controller.looks
         for k in sorted(running):
+            environments[k].unwrapped.seeing = looks or k in watchers  # pyright: ignore[reportAttributeAccessIssue]
             row = None if motion is None else motion.row(k)
             observations[k], _, terminated, truncated, info = environments[k].step(actions[k])
             recorders[k].add(info, row)

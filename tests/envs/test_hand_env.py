@@ -163,3 +163,16 @@ def test_every_task_gives_the_fingers_the_configured_skin(task):
         return -env.model.geom("if_skin").pos[0]
 
     assert height(0.003) - height(0.0015) == pytest.approx(0.0015, abs=1e-9)
+
+
+def test_who_does_not_see_gets_the_last_images_and_all_else_as_ever():
+    seen, blind = (PlaceHammerEnv() for _ in range(2))
+    (start, _), _ = seen.reset(seed=SEED), blind.reset(seed=SEED)
+    blind.seeing = False
+    action = seen.command.astype(np.float32) + 0.05
+    full, repeated = seen.step(action)[0], blind.step(action)[0]
+    assert same(repeated.pop("pixels"), start["pixels"])
+    assert not same(full.pop("pixels"), start["pixels"])
+    assert same(full, repeated)
+    assert same(blind.reset(seed=SEED)[0], start)
+    assert blind.seeing

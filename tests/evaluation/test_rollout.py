@@ -48,3 +48,38 @@ def test_an_environment_without_success_in_its_info_is_refused(monkeypatch):
     monkeypatch.setattr(CountEnv, "_info", lambda self, dropped: {"progress": 0.0})
     with pytest.raises(DexFlexError, match=r"Missing: \['is_success'\]"):
         run_group(environments(1), FakeController("good"), [0])
+
+
+def test_cameras_are_rendered_for_the_steps_in_which_the_controller_looks_and_for_watchers():
+    class Glancer(FakeController):
+        def reset(self, seeds):
+            super().reset(seeds)
+            self.step, self.asked = 0, []
+
+        @property
+        def looks(self):
+            return self.step % 2 == 0
+
+        def act(self, observation, task):
+            self.step += 1
+            return super().act(observation, task)
+
+    class Watcher:
+        def watch(self, env, observation, info, motion):
+            seen[1].append(env.unwrapped.seeing)
+
+        def close(self, outcome):
+            pass
+
+    class Noting(gymnasium.Wrapper):
+        def step(self, action):
+            seen[0].append(self.env.unwrapped.seeing)
+            return super().step(action)
+
+    seen = [], []
+    both = environments(2)
+    for env in both:
+        env.unwrapped.seeing = True
+    run_group([Noting(both[0]), both[1]], Glancer("still"), [0, 1], {1: [Watcher()]})
+    assert seen[0] == [False, True] * 4
+    assert seen[1] == [True] * 9
