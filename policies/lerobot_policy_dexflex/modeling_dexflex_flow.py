@@ -177,7 +177,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         network = self.network if self.training else self.average
         observation = self._observe(batch)
         valid = ~batch[f"{ACTION}_is_pad"]
-        plans = self.plan.targets(batch)
+        plans = self.plan.targets(batch) - self.plan.reference(batch[FINGERTIPS])
         if self.training:
             self.scale.observe(plans, valid)
         x_1 = self.scale(plans)
@@ -255,7 +255,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         for k in range(self.config.euler_steps):
             t = x.new_full(x.shape[:2], k / self.config.euler_steps)
             x = x + (network.clean(x, t, context) - x) / (self.config.euler_steps - k)
-        return self.scale.inverse(x[0])
+        return self.plan.reference(batch[FINGERTIPS]) + self.scale.inverse(x[0])
 
     @torch.no_grad()
     def predict_action_chunk(  # pyright: ignore[reportIncompatibleMethodOverride]
