@@ -38,10 +38,10 @@ def fitted(synthetic_dataset, tiny, samples):
     from lerobot_policy_dexflex import DexflexFlowConfig
 
     torch.manual_seed(0)
-    config = DexflexFlowConfig(**tiny, interface="raw", cache_dataset=False, dropout=0.0)
+    config = DexflexFlowConfig(**tiny, interface="raw", cache_dataset=False, dropout=0.0, arm_noise=0.01)
     meta = LeRobotDatasetMetadata("lerobot-dexflex/synthetic", root=synthetic_dataset)
     policy = make_policy(config, ds_meta=meta)
-    return policy, train(policy, samples, 220)
+    return policy, train(policy, samples, 260)
 
 
 @pytest.fixture(scope="module")
