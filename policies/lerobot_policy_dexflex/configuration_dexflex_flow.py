@@ -67,6 +67,10 @@ class DexflexFlowConfig(PreTrainedConfig):
     euler_steps: int = 8
     """Integration steps from noise to a chunk, at most 10."""
 
+    smoothing: int = 5
+    """Control steps over which plans are averaged, an odd number; 1 leaves them as they are sampled. Samples
+    shiver by millimetres from step to step, which loosens every grip, whatever executes them."""
+
     # Augmentation and regularisation, in training only
     dropout: float = 0.1
     """Share of the outputs of every attention and MLP of the transformer that is hidden: 50 demonstrations
@@ -134,6 +138,8 @@ class DexflexFlowConfig(PreTrainedConfig):
             )
         if self.chunk_size % 2:
             raise ParsingError(f"`chunk_size` must be even. Got {self.chunk_size}.")
+        if self.smoothing < 1 or self.smoothing % 2 == 0:
+            raise ParsingError(f"`smoothing` must be odd and at least 1. Got {self.smoothing}.")
         if self.dim % self.n_heads:
             raise ParsingError(f"`dim` must be a multiple of `n_heads` ({self.n_heads}). Got {self.dim}.")
         for name in ("noise_draws", "euler_steps", "n_layers", "n_keypoints"):

@@ -6,7 +6,11 @@ A chunk holds absolute targets p_0 ... p_{C-1}; at its step k an interface wants
     target    p_k   p_k+1  ...  p_C-1   p_C-1 repeated: no more motion
 """
 
+import torch
 from torch import Tensor
+
+_BEGINNING = 3
+"""Steps whose mean is the beginning of a plan: one alone is off by what a sample shivers."""
 
 
 def joint_draft(targets: Tensor, step: int, horizon: int) -> Tensor:
@@ -22,6 +26,42 @@ def joint_draft(targets: Tensor, step: int, horizon: int) -> Tensor:
     """
     last = targets.shape[1] - 1
     return targets[:, [min(step + k, last) for k in range(horizon)]]
+
+
+def smoothed(plans: Tensor, steps: int) -> Tensor:
+    """Return the moving average of plans over an odd number of steps; ends are repeated beyond the ends.
+
+    Args:
+        plans: Shape (batch, chunk, size).
+        steps: 1 returns the plans themselves.
+    """
+    ends = (plans[:, at].unsqueeze(1).expand(-1, steps // 2, -1) for at in (0, -1))
+    begin, end = ends
+    return torch.cat([begin, plans, end], 1).unfold(1, steps, 1).mean(-1)
+
+
+def without_squeeze(planned: Tensor, tips: Tensor, touching: Tensor) -> Tensor:
+    """Take out of plans what would squeeze or open the grip at their beginning: drafts are motion.
+
+    Where plans begin, they are off by millimetres, which pushes some of the touching fingers in and pulls others
+    away. What of this moves these fingers as one rigid body, with the object, stays; the rest is taken out of
+    all steps. Fingers in the air keep their place.
+
+    Args:
+        planned: Where fingertips should be [m]. Shape (batch, chunk, 12).
+        tips: Where they are when the plan begins [m]. Shape (batch, 12).
+        touching: Shape (batch, 4), bool.
+    """
+    held = touching.double().repeat_interleave(3, -1)  # (batch, 12)
+    off = (planned[:, :_BEGINNING].mean(1) - tips).double() * held
+    arms = tips.double().unflatten(-1, (4, 3))
+    weight = touching.double()[..., None]
+    arms = arms - (weight * arms).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp(min=1)
+    turn = torch.linalg.cross(torch.eye(3).to(arms).expand(*arms.shape, 3), arms[..., None, :], dim=-1)
+    shift = torch.eye(3).to(arms).expand_as(turn)
+    rigid = torch.cat([shift, turn.transpose(-1, -2)], -1).flatten(1, 2) * held[..., None]  # (batch, 12, 6)
+    along = rigid @ (torch.linalg.pinv(rigid, rtol=1e-6) @ off[..., None])
+    return planned - (off - along.squeeze(-1)).to(planned.dtype)[:, None]
 
 
 def tip_draft(planned: Tensor, step: int, horizon: int, tips: Tensor) -> Tensor:

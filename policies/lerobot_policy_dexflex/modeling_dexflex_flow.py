@@ -12,6 +12,8 @@ from torch import Tensor, nn
 
 from lerobot_dexflex.conventions import FINGERTIPS, GRAVITY, MEASURED, TACTILE
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.interfaces.grip import loads_of
 from lerobot_policy_dexflex.augmentation import jitter, shift_images, vary_light
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
 from lerobot_policy_dexflex.compatibility import (
@@ -26,6 +28,7 @@ from lerobot_policy_dexflex.compatibility import (
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
 from lerobot_policy_dexflex.controller_link import link_interface
 from lerobot_policy_dexflex.dataset_cache import cache_dataset
+from lerobot_policy_dexflex.drafts import without_squeeze, smoothed
 from lerobot_policy_dexflex.encoders import Observation
 from lerobot_policy_dexflex.flow_network import LAST_TIME, FlowNetwork
 from lerobot_policy_dexflex.lerobot_command import renamed, resuming, worker_processes
@@ -77,7 +80,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         check_told_environment(self._inputs)
         check_action(n_joints, N_TIP_NUMBERS, config.output_features)
         self.plan = PlanLayout(n_joints - N_HAND_JOINTS, config.learns)
-        self._executed = self.plan.columns(part)
+        self._part, self._executed = part, self.plan.columns(part)
         self.normalization = Normalization(n_joints)
         self.scale = PlanScale(config.chunk_size, self.plan)
         self.network = FlowNetwork(
@@ -177,7 +180,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         network = self.network if self.training else self.average
         observation = self._observe(batch)
         valid = ~batch[f"{ACTION}_is_pad"]
-        plans = self.plan.targets(batch) - self.plan.reference(batch[FINGERTIPS])
+        plans = self.plan.targets(batch)
         if self.training:
             self.scale.observe(plans, valid)
         x_1 = self.scale(plans)
@@ -255,13 +258,13 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         for k in range(self.config.euler_steps):
             t = x.new_full(x.shape[:2], k / self.config.euler_steps)
             x = x + (network.clean(x, t, context) - x) / (self.config.euler_steps - k)
-        return self.plan.reference(batch[FINGERTIPS]) + self.scale.inverse(x[0])
+        return smoothed(self.scale.inverse(x[0]), self.config.smoothing)
 
     @torch.no_grad()
     def predict_action_chunk(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, batch: Mapping[str, Any], noise: Tensor | None = None
     ) -> Tensor:
-        """Return the interface's part of a plan, in raw units.
+        """Return the interface's part of a plan, in raw units; see `without_squeeze`.
 
         Args:
             batch: Observation in raw units.
@@ -270,7 +273,12 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         Returns:
             Arm joints [rad], then hand joints [rad] or fingertips [m]. Shape (batch, chunk_size, ...).
         """
-        return self.predict_plan(batch, noise)[..., self._executed]
+        chunk = self.predict_plan(batch, noise)[..., self._executed]
+        if self._part != MEASURED:
+            return chunk
+        n_arm, touching = self.plan.n_arm, loads_of(batch[TACTILE]) > CONTACT_FORCE
+        tips = without_squeeze(chunk[..., n_arm:], batch[FINGERTIPS], touching)
+        return torch.cat([chunk[..., :n_arm], tips], -1)
 
     @torch.no_grad()
     def select_action(  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -5,8 +5,7 @@
     | arm joints [rad] | joint: hand joints [rad] | commanded: fingertips [m] | measured: fingertips [m] |
     |      n_arm       |            16            |            12             |            12            |
 
-Parts that are not learned are left out. The network sees measured fingertips relative to where they are when
-the plan is made: a draft is motion. All other numbers are absolute; relative to where the robot is they are
+Parts that are not learned are left out. All numbers are absolute. Relative to where the robot is, plans are
 easier to predict, and worse to execute: in demonstrations the arm is already where the tool makes it go, so
 the network need not look, and keeps every error it has made (de Haan et al. 2019, "Causal confusion in
 imitation learning"; numbers in `eval/LOG.md`).
@@ -69,17 +68,6 @@ class PlanLayout:
             MEASURED: lambda: measured_tips(batch),
         }
         return torch.cat([action[..., : self.n_arm], *(parts[part]() for part in self._slices)], -1)
-
-    def reference(self, tips: Tensor) -> Tensor:
-        """Return what plans are relative to: the measured fingertips, and zeros. Shape (batch, 1, size).
-
-        Args:
-            tips: Measured fingertips [m]. Shape (batch, 12).
-        """
-        reference = tips.new_zeros(len(tips), 1, self.size)
-        if MEASURED in self._slices:
-            reference[..., self._slices[MEASURED]] = tips[:, None]
-        return reference
 
     def columns(self, part: str) -> list[int]:
         """Return the columns of what an interface executes: the arm and one part of the hand."""

@@ -123,8 +123,7 @@ def test_a_policy_learns_the_parts_of_the_plan_that_it_is_told_to(
         type(run.policy), "_draw", lambda self, x_1: seen.update(x_1=x_1) or _drawn(x_1, run.policy)
     )
     run.policy.train().forward(run.processors[0](batch))
-    start = run.policy.plan.reference(batch["observation.fingertips"])
-    plan = run.policy.scale.inverse(seen["x_1"]) + start
+    plan = run.policy.scale.inverse(seen["x_1"])
     wanted = {"joint": batch["action"][..., 7:23], "commanded": batch["action"][..., 23:]}
     wanted["measured"] = batch.get(NEXT_TIPS)
     for part in learns.split(","):

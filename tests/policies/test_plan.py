@@ -33,15 +33,6 @@ def test_the_arm_weighs_half_and_the_learned_parts_share_the_other_half():
     assert [hand_alone[:16].sum().item(), hand_alone[16:].sum().item()] == pytest.approx([0.5, 0.5])
 
 
-def test_measured_fingertips_alone_are_relative():
-    tips = 100 + torch.arange(12.0)[None]
-    reference = PlanLayout(7, ALL).reference(tips)
-    assert reference.shape == (1, 1, 47)
-    assert torch.equal(reference[0, 0], torch.cat([torch.zeros(35), tips[0]]))
-    assert torch.equal(PlanLayout(0, ["measured"]).reference(tips)[:, 0], tips)
-    assert not PlanLayout(7, ["joint", "commanded"]).reference(tips).any()
-
-
 @pytest.fixture
 def scale():
     return PlanScale(2, PlanLayout(7, ["measured"]))
