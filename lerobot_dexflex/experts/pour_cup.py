@@ -112,6 +112,7 @@ def demonstrate(env: PourCupEnv, rng: np.random.Generator) -> Iterator[Command]:
     hand.keep()
     script.care = 0.2
     held = script.in_palm(*env.pitcher_pose)
+    yield from script.glide(*script.palm_for(held, *pouring_pose(bowl, SPILL_TILT)), 6)
     for tilt in np.linspace(SPILL_TILT, FULL_TILT, 31)[1:]:
         yield script.step(*script.palm_for(held, *pouring_pose(bowl, tilt)))
     yield from script.hold(8)

@@ -43,9 +43,9 @@ def smoothed(plans: Tensor, steps: int) -> Tensor:
 def without_squeeze(planned: Tensor, tips: Tensor, touching: Tensor) -> Tensor:
     """Take out of plans what would squeeze or open the grip at their beginning: drafts are motion.
 
-    Where plans begin, they are off by millimetres, which pushes some of the touching fingers in and pulls others
-    away. What of this moves these fingers as one rigid body, with the object, stays; the rest is taken out of
-    all steps. Fingers in the air keep their place.
+    Where plans begin, they are off by millimetres, which pushes some of the touching fingers in and pulls
+    others away. What of this moves these fingers as one rigid body, with the object, stays; the rest is taken
+    out of all steps. Fingers in the air keep their place.
 
     Args:
         planned: Where fingertips should be [m]. Shape (batch, chunk, 12).

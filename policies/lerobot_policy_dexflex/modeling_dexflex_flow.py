@@ -28,7 +28,7 @@ from lerobot_policy_dexflex.compatibility import (
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig
 from lerobot_policy_dexflex.controller_link import link_interface
 from lerobot_policy_dexflex.dataset_cache import cache_dataset
-from lerobot_policy_dexflex.drafts import without_squeeze, smoothed
+from lerobot_policy_dexflex.drafts import smoothed, without_squeeze
 from lerobot_policy_dexflex.encoders import Observation
 from lerobot_policy_dexflex.flow_network import LAST_TIME, FlowNetwork
 from lerobot_policy_dexflex.lerobot_command import renamed, resuming, worker_processes

@@ -10,7 +10,7 @@ from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.hand import OperatorHand
 from lerobot_dexflex.hand import kernels
 
-TOWARD, AWAY = 11, 6
+TOWARD, AWAY = 20, 6
 """Seeds of legs that lean toward the robot, and away from it."""
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from expert_checks import SEED, demonstrate, make_env
+from expert_checks import demonstrate, make_env, seed_of
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
@@ -39,8 +39,8 @@ def test_progress_never_falls(task):
 
 def test_a_seed_decides_every_command(task):
     env = make_env(task)
-    env.reset(seed=SEED)
-    commands = make_expert(task)(env, np.random.default_rng(SEED))
+    env.reset(seed=seed_of(task))
+    commands = make_expert(task)(env, np.random.default_rng(seed_of(task)))
     for expected, _ in zip(demonstrate(task).commands, range(60), strict=False):
         command = next(commands)
         for mine, other in zip(command, expected, strict=True):
@@ -94,7 +94,7 @@ def test_joint_7_never_turns_a_full_turn(task):
 def test_replaying_the_recorded_commands_without_noise_succeeds(task):
     """But for the leg: strokes react to how it turned."""
     env, commands = make_env(task), demonstrate(task).commands
-    _, info = env.reset(seed=SEED)
+    _, info = env.reset(seed=seed_of(task))
     for command in [*commands, *[commands[-1]] * 20]:
         *_, done, _, info = env.step(command.joint_targets)
         if done:

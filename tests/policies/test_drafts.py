@@ -9,7 +9,7 @@ from torch import Tensor
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces.raw import RawInterface
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
-from lerobot_policy_dexflex.drafts import joint_draft, tip_draft
+from lerobot_policy_dexflex.drafts import joint_draft, smoothed, tip_draft, without_squeeze
 
 
 def plan(positions):
@@ -28,6 +28,41 @@ def test_a_tip_draft_leads_from_the_measured_fingertips_to_every_next_target():
     draft = tip_draft(plan([1.0, 3.0, 6.0]), 1, 4, tips)
     assert draft.shape == (1, 4, 4, 3)
     assert draft[0, :, 0, 0].tolist() == [2.75, 5.75, 5.75, 5.75]
+
+
+def test_smoothing_is_a_moving_average_that_keeps_constants_and_repeats_the_ends():
+    plans = torch.tensor([0.0, 0.0, 5.0, 0.0, 0.0, 10.0]).view(1, 6, 1)
+    assert smoothed(plans, 5).flatten().tolist() == [1.0, 1.0, 1.0, 3.0, 5.0, 6.0]
+    assert torch.equal(smoothed(plans, 1), plans)
+    assert torch.equal(smoothed(torch.full((2, 4, 3), 7.0), 3), torch.full((2, 4, 3), 7.0))
+
+
+ROUND = torch.tensor([[0.02, 0.0, 0.01], [0.0, 0.03, 0.0], [-0.02, 0.0, 0.0], [0.0, -0.03, 0.02]]).double()
+"""Four fingertips around an object [m]."""
+
+
+@pytest.mark.parametrize("touching", [[1, 1, 1, 1], [1, 0, 1, 1], [0, 1, 0, 1], [0, 0, 1, 0], [0, 0, 0, 0]])
+def test_a_plan_that_moves_the_grip_as_a_rigid_body_stays(touching):
+    moved = (
+        ROUND + torch.linalg.cross(torch.tensor([0.01, -0.02, 0.03]).double().expand_as(ROUND), ROUND) + 0.004
+    )
+    planned = moved.reshape(1, 1, 12).expand(-1, 8, -1)
+    held = torch.tensor([touching]).bool()
+    torch.testing.assert_close(without_squeeze(planned, ROUND.reshape(1, 12), held), planned)
+
+
+def test_squeeze_is_taken_out_of_touching_fingers_at_every_step_and_motion_is_kept():
+    squeezed = (0.8 * (ROUND - ROUND.mean(0)) + ROUND.mean(0)).reshape(1, 12)
+    motion = 0.001 * torch.arange(8.0).double().clamp(min=2)[None, :, None] - 0.002
+    planned, tips = squeezed[:, None] + motion, ROUND.reshape(1, 12)
+    all_touch, none = torch.ones(1, 4).bool(), torch.zeros(1, 4).bool()
+    torch.testing.assert_close(without_squeeze(planned, tips, all_touch), tips[:, None] + motion)
+    assert torch.equal(without_squeeze(planned, tips, none), planned)
+    # Of two fingers only their distance is no rigid motion.
+    two = without_squeeze(planned, tips, torch.tensor([[1, 0, 1, 0]]).bool()).unflatten(-1, (4, 3))
+    assert torch.equal(two[:, :, 1::2], planned.unflatten(-1, (4, 3))[:, :, 1::2])
+    distance = (two[:, :, 0] - two[:, :, 2]).norm(dim=-1)
+    torch.testing.assert_close(distance, (ROUND[0] - ROUND[2]).norm().expand_as(distance))
 
 
 START = torch.full((1, 23), 0.5)
