@@ -23,6 +23,7 @@ class CountEnv(gymnasium.Env):
         "render_fps": 20,
     }
     task_description = "count"
+    seeing = True
     observation_space = spaces.Dict(
         {
             "pixels": spaces.Dict({"front": spaces.Box(0, 255, (96, 96, 3), np.uint8)}),

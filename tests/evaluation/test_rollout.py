@@ -10,6 +10,11 @@ def environments(n):
     return [gymnasium.make(ENV_ID, disable_env_checker=True) for _ in range(n)]
 
 
+def inner(env) -> CountEnv:
+    assert isinstance(env.unwrapped, CountEnv)
+    return env.unwrapped
+
+
 def test_rows_end_on_their_own_and_the_rest_goes_on():
     # `lucky` drops in the first step of odd seeds and needs several steps in even ones.
     odd, even = run_group(environments(2), FakeController("lucky"), [1, 2])
@@ -66,20 +71,20 @@ def test_cameras_are_rendered_for_the_steps_in_which_the_controller_looks_and_fo
 
     class Watcher:
         def watch(self, env, observation, info, motion):
-            seen[1].append(env.unwrapped.seeing)
+            seen[1].append(inner(env).seeing)
 
         def close(self, outcome):
             pass
 
     class Noting(gymnasium.Wrapper):
         def step(self, action):
-            seen[0].append(self.env.unwrapped.seeing)
+            seen[0].append(inner(self.env).seeing)
             return super().step(action)
 
     seen = [], []
     both = environments(2)
     for env in both:
-        env.unwrapped.seeing = True
+        inner(env).seeing = True
     run_group([Noting(both[0]), both[1]], Glancer("still"), [0, 1], {1: [Watcher()]})
     assert seen[0] == [False, True] * 4
     assert seen[1] == [True] * 9
