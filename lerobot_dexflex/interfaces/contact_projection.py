@@ -37,7 +37,7 @@ _PLAN = 1e-4
 _MAX_SQUEEZE, _MAX_RELIEF = 0.0015, 0.001
 """Largest displacement of the squeeze servo, inward and outward [m]."""
 _REGULAR = (1e-9, 1e-6)
-"""Regularisation of the fit, [1] for translation and [m^2] for rotation."""
+"""Regularisation of the fit, [1] for translation and, unless told, [m^2] for rotation."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def project_draft(asked: Tensor, grasp: Grasp, settings: ProjectionSettings) -> 
     moved = torch.where(held[..., None], settings.gain * moved, settings.free_gain * first)
     moved = moved * (settings.speed / moved.norm(dim=-1, keepdim=True).clamp(min=1e-9)).clamp(max=1.0)
     squeeze = (settings.squeeze_gain * (settings.preload - now)).clamp(-_MAX_RELIEF, _MAX_SQUEEZE) * recent
-    pressed = ((first - _rigid_motion(first, grasp.tips, loaded.double())) * inward).sum(-1) > 0
+    pressed = ((first - rigid_motion(first, grasp.tips, loaded.double())) * inward).sum(-1) > 0
     squeeze = torch.where(pressed, squeeze.clamp(min=0), squeeze)  # It never loosens what the draft presses.
     back = settings.return_speed * (~loaded & recent)
     moved = moved + (squeeze + back)[..., None] * inward
@@ -141,7 +141,7 @@ def _together(
     settings: ProjectionSettings,
 ) -> Tensor:
     """Return the common motion of the loaded tips, and what passes of that against each other."""
-    rigid = _rigid_motion(first, tips, (loads > CONTACT_FORCE).double())
+    rigid = rigid_motion(first, tips, (loads > CONTACT_FORCE).double())
     internal = first - rigid
     normal = (internal * inward).sum(-1, keepdim=True)
     gain = torch.where(planned, settings.planned_gain, settings.internal_gain)[:, None, None]
@@ -156,7 +156,7 @@ def _lets_go(displacements: Tensor, inward: Tensor) -> Tensor:
     return outward[:, _THUMB] & (outward.sum(1) >= _ENOUGH)
 
 
-def _rigid_motion(moves: Tensor, tips: Tensor, weights: Tensor) -> Tensor:
+def rigid_motion(moves: Tensor, tips: Tensor, weights: Tensor, regular: float = _REGULAR[1]) -> Tensor:
     """Return the rigid motion of all tips that fits the weighted moves best, by least squares.
 
     Around the weighted centre translation and rotation come apart, and three unknowns are solved by Cramer's
@@ -166,13 +166,14 @@ def _rigid_motion(moves: Tensor, tips: Tensor, weights: Tensor) -> Tensor:
         moves: Shape (batch, 4, 3) [m].
         tips: Shape (batch, 4, 3) [m].
         weights: Shape (batch, 4).
+        regular: How much rotation is held back [m^2].
     """
     share, total = weights[..., None], weights.sum(1)[:, None, None]
     arms = tips - (share * tips).sum(1, keepdim=True) / total.clamp(min=1)
     translation = (share * moves).sum(1, keepdim=True) / (total + _REGULAR[0])
     wanted = (share * torch.linalg.cross(arms, moves)).sum(1)  # (batch, 3)
     outer = (share[..., None] * arms[..., :, None] * arms[..., None, :]).sum(1)  # (batch, 3, 3)
-    squared = outer[:, 0, 0] + outer[:, 1, 1] + outer[:, 2, 2] + _REGULAR[1]
+    squared = outer[:, 0, 0] + outer[:, 1, 1] + outer[:, 2, 2] + regular
     a, b, c = (squared[:, None, None] * torch.eye(3).to(outer) - outer).unbind(1)
     beside = torch.linalg.cross(b, c)
     determinant = (a * beside).sum(-1, keepdim=True)

@@ -9,8 +9,12 @@ A chunk holds absolute targets p_0 ... p_{C-1}; at its step k an interface wants
 import torch
 from torch import Tensor
 
+from lerobot_dexflex.interfaces.contact_projection import rigid_motion
+
 _BEGINNING = 3
 """Steps whose mean is the beginning of a plan: one alone is off by what a sample shivers."""
+_REGULAR = 1e-9
+"""Of the fit of a rigid motion [m^2]: all of it is to stay."""
 
 
 def joint_draft(targets: Tensor, step: int, horizon: int) -> Tensor:
@@ -35,8 +39,7 @@ def smoothed(plans: Tensor, steps: int) -> Tensor:
         plans: Shape (batch, chunk, size).
         steps: 1 returns the plans themselves.
     """
-    ends = (plans[:, at].unsqueeze(1).expand(-1, steps // 2, -1) for at in (0, -1))
-    begin, end = ends
+    begin, end = (plans[:, at].unsqueeze(1).expand(-1, steps // 2, -1) for at in (0, -1))
     return torch.cat([begin, plans, end], 1).unfold(1, steps, 1).mean(-1)
 
 
@@ -52,16 +55,10 @@ def without_squeeze(planned: Tensor, tips: Tensor, touching: Tensor) -> Tensor:
         tips: Where they are when the plan begins [m]. Shape (batch, 12).
         touching: Shape (batch, 4), bool.
     """
-    held = touching.double().repeat_interleave(3, -1)  # (batch, 12)
-    off = (planned[:, :_BEGINNING].mean(1) - tips).double() * held
-    arms = tips.double().unflatten(-1, (4, 3))
-    weight = touching.double()[..., None]
-    arms = arms - (weight * arms).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp(min=1)
-    turn = torch.linalg.cross(torch.eye(3).to(arms).expand(*arms.shape, 3), arms[..., None, :], dim=-1)
-    shift = torch.eye(3).to(arms).expand_as(turn)
-    rigid = torch.cat([shift, turn.transpose(-1, -2)], -1).flatten(1, 2) * held[..., None]  # (batch, 12, 6)
-    along = rigid @ (torch.linalg.pinv(rigid, rtol=1e-6) @ off[..., None])
-    return planned - (off - along.squeeze(-1)).to(planned.dtype)[:, None]
+    held, here = touching.double(), tips.double().unflatten(-1, (4, 3))
+    off = planned[:, :_BEGINNING].double().mean(1).unflatten(-1, (4, 3)) - here
+    squeeze = held[..., None] * (off - rigid_motion(off, here, held, _REGULAR))
+    return planned - squeeze.flatten(1).to(planned.dtype)[:, None]
 
 
 def tip_draft(planned: Tensor, step: int, horizon: int, tips: Tensor) -> Tensor:

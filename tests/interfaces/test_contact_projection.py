@@ -78,7 +78,7 @@ def test_the_fit_is_that_of_least_squares():
     generator = torch.Generator().manual_seed(0)
     moves = torch.randn(1, 4, 3, dtype=torch.float64, generator=generator)
     weights = torch.tensor([[1.0, 0.0, 1.0, 1.0]], dtype=torch.float64)
-    found = contact_projection._rigid_motion(moves, TIPS, weights)
+    found = contact_projection.rigid_motion(moves, TIPS, weights)
     rows = []
     for tip in TIPS[0]:
         x, y, z = tip.tolist()
