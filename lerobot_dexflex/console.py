@@ -45,6 +45,11 @@ def train() -> int:
     return _main("lerobot_dexflex.training.cli")
 
 
+def release() -> int:
+    """Run `dexflex-release`."""
+    return _main("lerobot_policy_dexflex.release")
+
+
 def _main(module: str) -> int:
     return importlib.import_module(module).main()
 

@@ -114,7 +114,7 @@ def test_other_faults_keep_their_traceback(tmp_path):
     assert "ZeroDivisionError" in ended.stderr
 
 
-@pytest.mark.parametrize("name", ["corpus", "record", "train"])
+@pytest.mark.parametrize("name", ["corpus", "record", "release", "train"])
 def test_a_console_script_is_interrupted_alike_while_it_imports_its_package(name, tmp_path):
     """Its entry point, with a Ctrl-C in the middle of the first heavy import."""
     (tmp_path / "torch.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
