@@ -12,15 +12,22 @@ import re
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lerobot_dexflex import console
 from lerobot_dexflex.errors import DexFlexError
 
+if TYPE_CHECKING:  # Seconds of imports that --help need not pay.
+    import pandas as pd
+
+    from lerobot_dexflex.evaluation.summary import Summary
+    from lerobot_dexflex.evaluation.trainings import OverTrainings
+
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "eval/results"
 TASKS = "PourCup-v0,PlaceHammer-v0,AssembleTable-v0"
-POLICIES = "joint,press:4,dexgen,dexflex"
-"""Measured under policies, which learned joint targets and measured fingertips."""
+POLICIES = "joint,commanded/raw,commanded/press:1,press:4,dexgen,dexflex-notouch,dexflex"
+"""Measured under policies, which learned joint targets, commanded and measured fingertips."""
 OPERATOR = (
     "operator/joint,operator/raw,operator-pressing/raw,operator/press:4,operator/dexgen,operator/dexflex"
 )
@@ -176,24 +183,46 @@ def markdown(view: View) -> str:
 def _one_table(view: View, conditions: list[str]) -> str:
     from lerobot_dexflex.evaluation.report import trainings
     from lerobot_dexflex.evaluation.report.table import detail_markdown, rates_markdown
-    from lerobot_dexflex.evaluation.summary import grown, summarise
-    from lerobot_dexflex.evaluation.trainings import over_trainings, read_trainings
+
+    if view.trainings:
+        return trainings.markdown(pooled(view, conditions))
+    summary = alone(view, conditions)
+    wide = view.by == "condition" or "," in view.tasks
+    return rates_markdown(summary) if wide else detail_markdown(summary)
+
+
+def alone(view: View, conditions: list[str]) -> "Summary":
+    """Return what `tasks.csv` says of a view under some of its conditions."""
+    from lerobot_dexflex.evaluation.summary import summarise
+
+    rows, columns, grew = _rows(view, conditions, [view.results / "tasks.csv"])
+    return summarise(rows["tasks.csv"], view.methods.split(","), view.by, columns, grew)
+
+
+def pooled(view: View, conditions: list[str]) -> "OverTrainings":
+    """Return what the rows of all trainings say of a view under some of its conditions."""
+    from lerobot_dexflex.evaluation.trainings import over_trainings
+
+    others = sorted(view.results.glob("tasks_seed*.csv"))
+    rows, columns, grew = _rows(view, conditions, [view.results / "tasks.csv", *others])
+    return over_trainings(rows, view.methods.split(","), view.by, columns, grew)
+
+
+def _rows(
+    view: View, conditions: list[str], paths: list[Path]
+) -> tuple[dict[str, "pd.DataFrame"], list[str], frozenset[str]]:
+    """Return a view's rows of each file, its columns, and the versions whose n grew."""
+    from lerobot_dexflex.evaluation.summary import grown
+    from lerobot_dexflex.evaluation.trainings import read_trainings
     from lerobot_dexflex.runs.table import RUNS, read
 
-    others = sorted(view.results.glob("tasks_seed*.csv")) if view.trainings else []
-    tables = read_trainings([view.results / "tasks.csv", *others])
-    methods, tasks = view.methods.split(","), view.tasks.split(",")
+    tasks = view.tasks.split(",")
     tables = {
         name: rows.loc[rows["task"].isin(tasks) & rows["condition"].isin(conditions)]
-        for name, rows in tables.items()
+        for name, rows in read_trainings(paths).items()
     }
     columns = conditions if view.by == "condition" else tasks
-    grew = grown(read(view.results / RUNS))
-    if view.trainings:
-        return trainings.markdown(over_trainings(tables, methods, view.by, columns, grew))
-    summary = summarise(tables["tasks.csv"], methods, view.by, columns, grew)
-    wide = view.by == "condition" or len(tasks) > 1
-    return rates_markdown(summary) if wide else detail_markdown(summary)
+    return tables, columns, grown(read(view.results / RUNS))
 
 
 def benchmark_markdown(results: Path, table: Benchmark) -> str:
