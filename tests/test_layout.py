@@ -21,6 +21,7 @@ FLOORS = (
     {"errors", "conventions", "console", "compiled", "_gl"},
     {"runs"},
     {"hand"},
+    {"streams"},
     {"envs"},
     {"experts"},
     {"controller"},
