@@ -66,6 +66,14 @@ def test_importing_the_library_loads_neither_mujoco_nor_lerobot():
     assert run_python("-c", code) == ""
 
 
+def test_importing_operator_streams_loads_neither_mujoco_nor_lerobot():
+    modules = [path.stem for path in (ROOT / "lerobot_dexflex/streams").glob("[!_]*.py")]
+    assert {"rokoko", "retarget"} <= set(modules)
+    imports = "".join(f"import lerobot_dexflex.streams.{name};" for name in modules)
+    code = f"import sys; {imports} print(*sorted({{'mujoco', 'lerobot'}} & set(sys.modules)))"
+    assert run_python("-c", code) == ""
+
+
 def test_importing_the_plugin_loads_neither_models_nor_mujoco():
     code = (
         "import sys, lerobot_policy_dexflex;"
