@@ -57,8 +57,8 @@ def test_a_hand_without_a_point_of_its_palm_is_lost(point):
 
 
 def test_a_palm_without_area_is_lost():
-    for points in (np.zeros((21, 3)), np.outer(HAND[:, 0], (1, 2, 3))):
-        assert record_of(1.0, points).is_lost
+    for points in ([(0, 0, 0)] * 21, np.outer(HAND[:, 0], (1, 2, 3))):
+        assert record_of(1.0, np.array(points, float)).is_lost
 
 
 def test_another_lost_point_is_lost_alone():
