@@ -21,6 +21,7 @@ FLOORS = (
     {"errors", "conventions", "console", "compiled", "_gl"},
     {"runs"},
     {"hand"},
+    {"streams"},
     {"envs"},
     {"experts"},
     {"controller"},
@@ -62,6 +63,14 @@ def test_datasets_is_hugging_faces_when_imported_from_the_root():
 
 def test_importing_the_library_loads_neither_mujoco_nor_lerobot():
     code = "import sys, lerobot_dexflex; print(*sorted({'mujoco', 'lerobot'} & set(sys.modules)))"
+    assert run_python("-c", code) == ""
+
+
+def test_importing_operator_streams_loads_neither_mujoco_nor_lerobot():
+    modules = [path.stem for path in (ROOT / "lerobot_dexflex/streams").glob("[!_]*.py")]
+    assert {"rokoko", "retarget"} <= set(modules)
+    imports = "".join(f"import lerobot_dexflex.streams.{name};" for name in modules)
+    code = f"import sys; {imports} print(*sorted({{'mujoco', 'lerobot'}} & set(sys.modules)))"
     assert run_python("-c", code) == ""
 
 

@@ -192,6 +192,7 @@ def anchors(text):
         ("docs/tasks.md", 1000),
         ("docs/datasets.md", 1000),
         ("docs/training.md", 1000),
+        ("docs/streams.md", 500),
         ("eval/README.md", 500),
     ],
 )
