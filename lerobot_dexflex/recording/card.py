@@ -11,12 +11,11 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.recording.config import RecordConfig
+from lerobot_dexflex.recording.recipe import SIMULATED
 from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP, columns, privileged_columns
 from lerobot_dexflex.recording.staging import RECORD_FILE, program_of
 from lerobot_dexflex.runs.statistics import success_rate
 
-SIMULATED = "simulated"
-"""Who leads a live operation if no person does, and the part of its recipe that says how."""
 _EXPERT = """\
 **Expert.** {successes} of {attempts} attempts succeeded: {rate:.0f} % (Wilson 95 %: {low:.0f}-{high:.0f} %).
 Failed attempts are left out\

@@ -14,9 +14,11 @@ def main(arguments: list[str] | None = None) -> int:
     Args:
         arguments: Command-line arguments; None takes those of this process.
     """
-    return console.run(
-        RecordConfig, lambda config, words: then_push(config, lambda: record(config, words)), arguments
-    )
+
+    def work(config: RecordConfig, words: list[str]) -> int:
+        return then_push(config, lambda: record(config, words))
+
+    return console.run(RecordConfig, work, arguments)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,9 @@ from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.recording.repo import check_repo_id
 from lerobot_dexflex.runs.provenance import weights_digest
 
+SIMULATED = "simulated"
+"""Who leads a live operation if no person does, and the part of its recipe that says how."""
+
 
 @dataclass
 class VideoConfig:

@@ -19,18 +19,21 @@ class RerunLog:
     """Writes one `.rrd` file; files of the same episode open as one recording, one branch per interface.
 
     Args:
-        path: The recording; its folder is created.
+        path: The recording; its folder is created. None shows it in rerun's viewer, and opens that.
         interface: Root of the entity paths.
         episode: Episode, names the recording.
     """
 
-    def __init__(self, path: Path, interface: str, episode: int) -> None:
+    def __init__(self, path: Path | None, interface: str, episode: int) -> None:
         import rerun as rr
 
-        path.parent.mkdir(parents=True, exist_ok=True)
         self._rr, self._root, self._step = rr, interface, 0
         self._stream = rr.RecordingStream("lerobot_dexflex", recording_id=f"episode-{episode:04d}")
-        self._stream.save(path)
+        if path is None:
+            self._stream.spawn()
+        else:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream.save(path)
         self._tips: NDArray[np.floating] = np.zeros((4, 3))
 
     def watch(
