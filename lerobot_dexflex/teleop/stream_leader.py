@@ -124,10 +124,9 @@ class StreamLeader:
         if found is not None:
             self._follower = Follower(found, self._joints, self._scale, self._heading)
             self._follower.engaged = self._engaged
-            self._say(
-                f"Calibrated: the robot's hand is {found.scale:.2f} times yours, "
-                f"to {1e3 * found.residual:.0f} mm. SPACE takes it, and releases it."
-            )
+            fit = f"{found.scale:.2f} times yours, to {1e3 * found.residual:.0f} mm"
+            keys = "" if self._engaged else " SPACE takes it, and releases it."
+            self._say(f"Calibrated: the robot's hand is {fit}.{keys}")
         self._tell("open hand", self._open_hand.complaint)
 
     def _tell_of(self, follower: Follower) -> None:

@@ -36,7 +36,7 @@ def test_the_person_is_asked_for_an_open_hand_and_then_leads(said):
     leader, joints = lead(MovingHand(moving), said, 2.0)
     assert leader.ready
     assert said[0] == OPEN_YOUR_HAND
-    assert said[1].startswith("Calibrated: the robot's hand is 1.44 times yours, to 8 mm.")
+    assert said[1] == "Calibrated: the robot's hand is 1.44 times yours, to 8 mm."
     assert said[2:] == [FOLLOWS]
     np.testing.assert_array_equal(joints[:49], np.tile(START, (49, 1)))
     assert np.abs(joints[-1] - START)[:7].max() > 0.03
@@ -62,6 +62,7 @@ def test_a_hand_that_is_not_seen_and_a_wrist_that_is_not_known_are_told(said):
 
 def test_a_key_takes_the_hand_and_releases_it(said):
     leader, joints = lead(MovingHand(moving), said, 1.5, engaged=False)
+    assert said[1].endswith("to 8 mm. SPACE takes it, and releases it.")
     np.testing.assert_allclose(joints[-1][:7], START[:7], atol=1e-9)
     for now, text in ((1.5, FOLLOWS), (1.52, HOLDS["released"])):
         leader.toggle()
