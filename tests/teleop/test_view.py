@@ -1,12 +1,16 @@
-from types import SimpleNamespace
-
+import gymnasium
 import numpy as np
 import pytest
 
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.teleop.view import RerunView, make_view
 
-ENV = SimpleNamespace(metadata={"render_fps": 20})
+
+class Twenty(gymnasium.Env):
+    metadata = {"render_fps": 20}  # noqa: RUF012
+
+
+ENV = Twenty()
 OBSERVATION = {
     "pixels": {"front": np.zeros((96, 96, 3), np.uint8)},
     "tactile": np.ones(240, np.float32),
@@ -42,7 +46,7 @@ class FakeStream:
     made: list = []  # noqa: RUF012
 
     def __init__(self, application, recording_id):
-        self.recording_id, self.spawned, self.logged = recording_id, 0, []
+        self.recording_id, self.spawned, self.logged, self.last = recording_id, 0, [], {}
         self.made.append(self)
 
     def spawn(self):
@@ -53,6 +57,7 @@ class FakeStream:
 
     def log(self, entity, value):
         self.logged.append(entity)
+        self.last[entity] = value
 
     def flush(self):
         pass
@@ -77,6 +82,17 @@ def test_the_viewer_shows_practice_too_each_run_as_a_recording(viewer):
     assert [stream.spawned for stream in viewer] == [1, 1]
     assert len({stream.recording_id for stream in viewer}) == 2
     assert {"raw/camera/front", "raw/touch", "raw/palm/draft"} <= set(viewer[0].logged)
+
+
+def test_touch_is_shown_in_newtons_pad_by_pad_with_the_tips_up(viewer):
+    view = RerunView("raw", None)
+    view.begin(0, recorded=True)
+    view.watch(ENV, OBSERVATION | {"tactile": np.arange(240, dtype=np.float32)}, INFO, None)
+    picture = viewer[0].last["raw/touch"]
+    values = np.frombuffer(bytes(picture.buffer.as_arrow_array().to_pylist()[0]), np.float32).reshape(10, 28)
+    for finger, row, column in ((0, 0, 0), (1, 9, 5), (3, 2, 4)):
+        assert values[9 - row, 7 * finger + column] == 60 * finger + 6 * row + column
+    assert (values[:, 6::7] == 0).all()
 
 
 @pytest.mark.parametrize(("headless", "folder"), [(True, None), (False, None), (False, "own"), (True, "own")])
