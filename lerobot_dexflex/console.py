@@ -45,6 +45,11 @@ def train() -> int:
     return _main("lerobot_dexflex.training.cli")
 
 
+def teleop() -> int:
+    """Run `dexflex-teleop`."""
+    return _main("lerobot_dexflex.teleop.cli")
+
+
 def release() -> int:
     """Run `dexflex-release`."""
     return _main("lerobot_policy_dexflex.release")

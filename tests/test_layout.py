@@ -30,6 +30,7 @@ FLOORS = (
     {"corpus", "recording"},
     {"training"},
     {"evaluation"},
+    {"teleop"},
     {"lerobot_policy_dexflex"},
 )
 """A package imports from floors below its own, never from above or beside."""
@@ -82,16 +83,18 @@ def test_importing_the_plugin_loads_neither_models_nor_mujoco():
     assert run_python("-c", code) == ""
 
 
-def test_lerobot_discovers_policy_environment_and_processor_step():
+def test_lerobot_discovers_policy_environment_processor_step_and_teleoperator():
     code = (
         "from lerobot.utils.import_utils import register_third_party_plugins as register;"
         "from lerobot.configs import PreTrainedConfig; from lerobot.envs import EnvConfig; register();"
         "from lerobot.processor import ProcessorStepRegistry;"
+        "from lerobot.teleoperators import TeleoperatorConfig;"
         "print('dexflex_flow' in PreTrainedConfig.get_known_choices(),"
         " 'dexflex' in EnvConfig.get_known_choices(),"
-        " 'dexflex_interface_processor' in ProcessorStepRegistry.list())"
+        " 'dexflex_interface_processor' in ProcessorStepRegistry.list(),"
+        " 'dexflex_glove' in TeleoperatorConfig.get_known_choices())"
     )
-    assert run_python("-c", code) == "True True True"
+    assert run_python("-c", code) == "True True True True"
 
 
 @pytest.mark.parametrize("options", [["-m"], ["-P", "-m"]], ids=["root on path", "root off path"])

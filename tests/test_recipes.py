@@ -8,7 +8,6 @@ import pytest
 
 from lerobot_dexflex.recording import RecordConfig
 from lerobot_dexflex.recording.attempt import run_attempt
-from lerobot_dexflex.recording.config import identity
 
 ROOT = Path(__file__).parents[1]
 RECIPES = sorted(path.parents[1] / "recipe.yaml" for path in (ROOT / "datasets").glob("*/meta/info.json"))
@@ -28,7 +27,7 @@ def test_the_recipe_is_that_of_the_dataset_beside_it(recipe):
     record = json.loads((recipe.parent / "meta/recording.json").read_text())
     info = json.loads((recipe.parent / "meta/info.json").read_text())
     assert ROOT / config.root == recipe.parent
-    assert identity(config.to_dict()) == identity(record["recipe"])
+    assert RecordConfig.identity(config.to_dict()) == RecordConfig.identity(record["recipe"])
     assert record["complete"]
     assert record["episodes"] == config.episodes == info["total_episodes"]
     assert record["episode_seeds"] == [a["seed"] for a in record["attempts"] if a["success"]]

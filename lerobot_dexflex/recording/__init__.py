@@ -1,4 +1,4 @@
 """Record demonstrations of privileged operators as LeRobotDatasets."""
 
 from lerobot_dexflex.recording.config import RecordConfig as RecordConfig
-from lerobot_dexflex.recording.config import VideoConfig as VideoConfig
+from lerobot_dexflex.recording.recipe import VideoConfig as VideoConfig

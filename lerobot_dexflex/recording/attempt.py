@@ -1,5 +1,6 @@
-"""One attempt of the expert: run it, keep it in a file that is either whole or absent."""
+"""One attempt at a task: run it, keep it in a file that is either whole or absent."""
 
+import contextlib
 import functools
 import os
 import zlib
@@ -11,6 +12,7 @@ from zipfile import BadZipFile
 
 import gymnasium
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.families import CLEAN, CommandErrors
@@ -28,7 +30,7 @@ from lerobot_dexflex.recording.schema import columns, privileged_columns, rounde
 
 @dataclass(frozen=True)
 class Attempt:
-    """What one attempt of the expert left behind."""
+    """What one attempt left behind."""
 
     index: int
     """Number of the attempt; its environment seed is `seed`."""
@@ -39,7 +41,9 @@ class Attempt:
     progress: float
     """The task's progress in [0, 1] at the end."""
     frames: dict[str, NDArray]
-    """Columns of the dataset, shape (steps, ...); empty unless the attempt succeeded with recording on."""
+    """Columns of the dataset, shape (steps, ...); empty unless the attempt is kept, with recording on."""
+    kept: bool
+    """Whether it is an episode of the dataset: of an expert those that succeed, of a person as he decides."""
 
     def summary(self) -> dict[str, Any]:
         """Return everything but the frames."""
@@ -47,9 +51,56 @@ class Attempt:
             "attempt": self.index,
             "seed": self.seed,
             "success": self.success,
+            "kept": self.kept,
             "steps": self.steps,
             "progress": round(self.progress, 4),
         }
+
+
+class Take:
+    """An attempt under way: executes commands, and keeps what a dataset needs of each step.
+
+    The frame at step k holds the observation before the step and the operator's label; the environment
+    executes the label plus the operator's natural unsteadiness.
+
+    Args:
+        env: The task; it is reset.
+        seed: Of its initial state.
+        hand: Executes commands.
+        keep: Whether frames are kept; without, only the outcome is.
+    """
+
+    def __init__(self, env: gymnasium.Env, seed: int, hand: GlovedHand, keep: bool) -> None:
+        self._env, self._hand, self._keep, self.seed = env, hand, keep, seed
+        self.observation, self.info = env.reset(seed=seed)
+        self.steps = 0
+        self._frames: list[dict[str, NDArray]] = []
+
+    @property
+    def success(self) -> bool:
+        """Whether the task is done."""
+        return bool(self.info["is_success"])
+
+    def step(self, command: Command) -> bool:
+        """Execute a command; return whether the environment says that the episode is over."""
+        command = self._hand.move(self.observation, command)
+        if self._keep:
+            self._frames.append(_frame(self.observation, command, self._env.get_wrapper_attr("pad_forces")))
+        self.observation, _, terminated, truncated, self.info = self._env.step(command.executed)
+        self.steps += 1
+        return terminated or truncated
+
+    def attempt(self, index: int, kept: bool) -> Attempt:
+        """Return what it left behind; frames only if it is kept.
+
+        Args:
+            index: Its number.
+            kept: Whether it is an episode of the dataset.
+        """
+        table = columns(self._env.get_wrapper_attr("joints")) | privileged_columns()
+        frames = _stack(self._frames, table) if self._frames and kept else {}
+        progress = float(self.info["progress"])
+        return Attempt(index, self.seed, self.success, self.steps, progress, frames, kept)
 
 
 def run_attempt(
@@ -63,9 +114,6 @@ def run_attempt(
     controller: str = "",
 ) -> Attempt:
     """Let the expert attempt the task once.
-
-    The frame at step k holds the observation before the step and the expert's label; the environment
-    executes the label plus the expert's natural unsteadiness.
 
     Args:
         task: Name in `TASKS`.
@@ -91,6 +139,17 @@ def run_attempt(
         env.close()
 
 
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Let networks add up in one order: more threads change last bits, and contacts make them visible."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
 @functools.cache
 def _interface(name: str, controller: str) -> Interface:
     """Return this process's interface; a controller takes a second to load."""
@@ -98,22 +157,11 @@ def _interface(name: str, controller: str) -> Interface:
 
 
 def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool, hand: GlovedHand) -> Attempt:
-    observation, info = env.reset(seed=seed + index)
-    commands: Iterator[Command] = expert(env.unwrapped, np.random.default_rng((seed, index)))
-    frames: list[dict[str, NDArray]] = []
-    steps = 0
-    for command in commands:
-        command = hand.move(observation, command)
-        if keep:
-            frames.append(_frame(observation, command, env.get_wrapper_attr("pad_forces")))
-        observation, _, terminated, truncated, info = env.step(command.executed)
-        steps += 1
-        if terminated or truncated:
+    take = Take(env, seed + index, hand, keep)
+    for command in expert(env.unwrapped, np.random.default_rng((seed, index))):
+        if take.step(command):
             break
-    success = bool(info["is_success"])
-    table = columns(env.get_wrapper_attr("joints")) | privileged_columns()
-    kept = _stack(frames, table) if keep and success else {}
-    return Attempt(index, seed + index, success, steps, float(info["progress"]), kept)
+    return take.attempt(index, kept=take.success)
 
 
 def _frame(observation: dict[str, Any], command: Command, loads: NDArray) -> dict[str, NDArray]:
@@ -176,5 +224,7 @@ def _check_loaded(attempt: Attempt, path: Path, frames: bool) -> None:
     if path != attempt_path(path.parent, attempt.index):
         raise ValueError(f"it is attempt {attempt.index}")
     steps = {len(values) for values in attempt.frames.values()}
-    if frames and steps != ({attempt.steps} if attempt.success else set()):
+    if type(attempt.kept) is not bool:
+        raise ValueError(f"kept must be true or false, got {attempt.kept!r}")
+    if frames and steps != ({attempt.steps} if attempt.kept else set()):
         raise ValueError(f"columns of {sorted(steps)} frames in {attempt.steps} steps")

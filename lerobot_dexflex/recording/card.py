@@ -10,10 +10,28 @@ from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
 from lerobot_dexflex.interfaces.method import Method
+from lerobot_dexflex.recording.config import RecordConfig
+from lerobot_dexflex.recording.recipe import SIMULATED
 from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP, columns, privileged_columns
-from lerobot_dexflex.recording.staging import RECORD_FILE
+from lerobot_dexflex.recording.staging import RECORD_FILE, program_of
 from lerobot_dexflex.runs.statistics import success_rate
 
+_EXPERT = """\
+**Expert.** {successes} of {attempts} attempts succeeded: {rate:.0f} % (Wilson 95 %: {low:.0f}-{high:.0f} %).
+Failed attempts are left out\
+"""
+_LED = """\
+**Operator.** {episodes} of {attempts} attempts were kept, as the operator wished; {successes} of them all
+solved the task\
+"""
+_UNSTEADY = """\
+The frame at step k holds the observation *before* the step and the expert's label `action`. What was executed
+is the label plus smooth joint noise (a natural unsteadiness), so the demonstrations show how to come back.
+"""
+_AS_LABELLED = """\
+The frame at step k holds the observation *before* the step and the label `action`, which was executed. The
+column `operator.draft` is where the person's fingertips led, pressing included.
+"""
 _INTERFACE = """\
 The operator's {what} passed through the interface `{interface}`{controller}; labels and execution are what
 it made of them.
@@ -28,6 +46,7 @@ _WHAT = {
     "joint": "joints",
     "motion": "drafts, which say where the fingertips should be and hold no squeeze,",
     "pressing": "drafts, which command into the object,",
+    "led": "fingertips",
 }
 _TEMPLATE = """\
 ---
@@ -37,11 +56,10 @@ _TEMPLATE = """\
 # {repo_id}
 
 {episodes} demonstrations ({frames} frames, {minutes:.1f} min at {fps} Hz) of the simulated task
-`{task}`, "{description}", on a {robot}, made by the privileged operator of
+`{task}`, "{description}", on a {robot}, made by {who} of
 [lerobot_dexflex](https://github.com/lerobot-dexflex/lerobot_dexflex). LeRobotDataset {version}.{warning}
 
-**Expert.** {successes} of {attempts} attempts succeeded: {rate:.0f} % (Wilson 95 %: {low:.0f}-{high:.0f} %).
-Failed attempts are left out; seeds and outcomes of all attempts are in [{record}]({record}).
+{tried}; seeds and outcomes of all attempts are in [{record}]({record}).
 
 ## Columns
 
@@ -49,10 +67,8 @@ Failed attempts are left out; seeds and outcomes of all attempts are in [{record
 |---|---|---|---|
 {rows}
 
-The frame at step k holds the observation *before* the step and the expert's label `action`. What was executed
-is the label plus smooth joint noise (a natural unsteadiness), so the demonstrations show how to come back.
-{glove}Every element is named in [meta/info.json](meta/info.json). No object pose, goal or mass is recorded.
-LeRobot hands no policy the columns marked privileged.
+{executed}Every element is named in [meta/info.json](meta/info.json). No object pose, goal or mass is
+recorded. LeRobot hands no policy the columns marked privileged.
 Numbers are rounded to {angle:.1e} rad, {length:.1e} m and {force:.1e} N, at or below what sensors resolve.
 
 ## Load it
@@ -73,7 +89,7 @@ Both work offline.
 ## Record it again
 
 ```bash
-dexflex-record --config_path={root}/recipe.yaml --root=outputs/again
+{program} --config_path={root}/recipe.yaml --root=outputs/again
 ```
 
 | | |
@@ -86,7 +102,7 @@ dexflex-record --config_path={root}/recipe.yaml --root=outputs/again
 
 ## Known limitations
 
-Simulation only; the order of the arm's moves is scripted, the hand reacts. Images are lossy h264.
+Simulation only{scripted}. Images are lossy h264.
 """
 
 
@@ -99,8 +115,6 @@ def write_card(root: Path) -> None:
 
 def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
     recipe, expert = record["recipe"], record["expert"]
-    successes, attempts = expert["successes"], expert["attempts"]
-    low, high = success_rate([True] * successes + [False] * (attempts - successes)).pc_success_ci95
     data = DatasetCardData(
         license="apache-2.0",
         task_categories=["robotics"],
@@ -123,11 +137,7 @@ def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
         minutes=info["total_frames"] / info["fps"] / 60,
         version=info["codebase_version"],
         warning="" if record["complete"] else "\n\n**Unfinished:** run the command below again to continue.",
-        glove=_between(record),
-        **expert,
-        rate=100 * successes / attempts,
-        low=low,
-        high=high,
+        **_told(record),
         record=RECORD_FILE.as_posix(),
         rows="\n".join(_rows(info)),
         angle=ANGLE_STEP,
@@ -140,19 +150,46 @@ def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
     )
 
 
+def _told(record: dict[str, Any]) -> dict[str, str]:
+    """Return the passages that depend on who led the hand."""
+    recipe, expert, program = record["recipe"], record["expert"], program_of(record)
+    if program != RecordConfig.program and recipe["source"] != SIMULATED:
+        return {
+            "program": program,
+            "who": f"a person, live (`{recipe['source']}`), with {program}",
+            "tried": _LED.format(**expert, episodes=record["episodes"]).strip(),
+            "executed": _AS_LABELLED + _passed_through(record, "led"),
+            "scripted": "",
+        }
+    successes, attempts = expert["successes"], expert["attempts"]
+    low, high = success_rate([True] * successes + [False] * (attempts - successes)).pc_success_ci95
+    return {
+        "program": program,
+        "who": "the privileged operator",
+        "tried": _EXPERT.format(**expert, rate=100 * successes / attempts, low=low, high=high).strip(),
+        "executed": _UNSTEADY + _between(record),
+        "scripted": "; the order of the arm's moves is scripted, the hand reacts",
+    }
+
+
 def _between(record: dict[str, Any]) -> str:
-    """Say what stood between the operator and the hand."""
+    """Say what stood between the simulated operator and the hand."""
     recipe = record["recipe"]
-    interface, errors = recipe["interface"], CommandErrors.parse(recipe["glove"])
-    joint = Method.parse(interface).command_space == "joint"
+    said = recipe.get(SIMULATED, recipe)  # Of a live one, the same words are one level below.
+    errors = CommandErrors.parse(said["glove"])
+    joint = Method.parse(recipe["interface"]).command_space == "joint"
     if joint and not errors:
         return ""
-    controller = f" (controller {record['controller']})" if record.get("controller") else ""
-    what = _WHAT["joint" if joint else recipe["source"]]
-    text = _INTERFACE.format(what=what, interface=interface, controller=controller)
+    text = _passed_through(record, "joint" if joint else said["source"])
     if errors:
         text += _GLOVE.format(glove=errors.name)
     return text + _PERSON if errors.level else text
+
+
+def _passed_through(record: dict[str, Any], what: str) -> str:
+    controller = f" (controller {record['controller']})" if record.get("controller") else ""
+    interface = record["recipe"]["interface"]
+    return _INTERFACE.format(what=_WHAT[what], interface=interface, controller=controller)
 
 
 def _rows(info: dict[str, Any]) -> list[str]:

@@ -4,7 +4,7 @@ import sys
 
 from lerobot_dexflex import console
 from lerobot_dexflex.recording.config import RecordConfig
-from lerobot_dexflex.recording.push import dry_run, push, require_login
+from lerobot_dexflex.recording.push import then_push
 from lerobot_dexflex.recording.record import record
 
 
@@ -14,20 +14,11 @@ def main(arguments: list[str] | None = None) -> int:
     Args:
         arguments: Command-line arguments; None takes those of this process.
     """
-    return console.run(RecordConfig, _work, arguments)
 
+    def work(config: RecordConfig, words: list[str]) -> int:
+        return then_push(config, lambda: record(config, words))
 
-def _work(config: RecordConfig, words: list[str]) -> int:
-    uploads = config.push and config.push_dry_run is None
-    if uploads:
-        require_login()
-    if not record(config, words):
-        return 130
-    if config.push_dry_run is not None:
-        dry_run(config.root, config.repo_id, config.push_dry_run)
-    elif uploads:
-        push(config.root, config.repo_id)
-    return 0
+    return console.run(RecordConfig, work, arguments)
 
 
 if __name__ == "__main__":

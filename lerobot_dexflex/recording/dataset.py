@@ -22,9 +22,9 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
 from lerobot_dexflex.recording.attempt import Attempt, attempt_path, load_attempt
 from lerobot_dexflex.recording.card import write_card
-from lerobot_dexflex.recording.config import RecordConfig
 from lerobot_dexflex.recording.integrity import DamagedDatasetError, check_dataset
 from lerobot_dexflex.recording.moments import write_exact_moments
+from lerobot_dexflex.recording.recipe import Recipe
 from lerobot_dexflex.recording.schema import FPS, columns, lerobot_features, privileged_columns, robot_type
 from lerobot_dexflex.recording.staging import RECORD_FILE
 
@@ -33,29 +33,29 @@ _KERNELS = "SSE2" if platform.machine() in ("x86_64", "AMD64") else "0"
 _FAILED_WRITES = (OSError, RuntimeError, pa.ArrowException, DamagedDatasetError)
 """As what a full disk comes: encoder threads raise RuntimeError, or nothing, and then frames are missing."""
 _RECIPE_HEADER = """\
-# Recorded by `dexflex-record`; record it again with
-#   dexflex-record --config_path={root}/recipe.yaml --root=<new folder>
+# Recorded by `{program}`; record it again with
+#   {program} --config_path={root}/recipe.yaml --root=<new folder>
 # Code: commit {commit}, digest {code}
-# Expert: {successes} of {attempts} attempts succeeded. Seeds of all attempts: {record}
+# {successes} of {attempts} attempts succeeded. Seeds of all attempts: {record}
 """
 
 
 def assemble(
-    config: RecordConfig,
+    config: Recipe,
     staging: Path,
     attempts: Sequence[Attempt],
     origin: dict[str, Any],
     progress: Callable[[Iterable[Attempt]], Iterable[Attempt]] = iter,
 ) -> None:
-    """Write the successful attempts to `config.root`, replacing what an interrupted run left there.
+    """Write the attempts that are kept to `config.root`, replacing what an interrupted run left there.
 
     The new dataset is built inside `staging`, read back, and takes its place in one rename.
 
     Args:
         config: The recipe.
         staging: Folder of the attempts' files.
-        attempts: All finished attempts, without frames, in order; at least one succeeded.
-        origin: Result of `provenance`.
+        attempts: All finished attempts, without frames, in order; at least one is kept.
+        origin: Result of `origin_of`.
         progress: Wraps the episodes that are written, for a progress bar.
 
     Raises:
@@ -83,25 +83,25 @@ def assemble(
 
 
 def _build(
-    config: RecordConfig,
+    config: Recipe,
     staging: Path,
     attempts: Sequence[Attempt],
     origin: dict[str, Any],
     build: Path,
     progress: Callable[[Iterable[Attempt]], Iterable[Attempt]],
 ) -> None:
-    successes = [attempt for attempt in attempts if attempt.success]
-    _write_episodes(config, staging, successes, build, progress)
+    kept = [attempt for attempt in attempts if attempt.kept]
+    _write_episodes(config, staging, kept, build, progress)
     for file in [*build.glob("data/*/*.parquet"), *build.glob("meta/episodes/*/*.parquet")]:
         compress(file)
     write_exact_moments(build)
     record = {
-        "complete": len(successes) == config.episodes,
-        "episodes": len(successes),
-        "expert": {"successes": len(successes), "attempts": len(attempts)},
+        "complete": len(kept) == config.episodes,
+        "episodes": len(kept),
+        "expert": {"successes": sum(a.success for a in attempts), "attempts": len(attempts)},
         "recipe": config.to_dict(),
         **origin,
-        "episode_seeds": [attempt.seed for attempt in successes],
+        "episode_seeds": [attempt.seed for attempt in kept],
         "attempts": [attempt.summary() for attempt in attempts],
     }
     (build / RECORD_FILE).write_text(json.dumps(record, indent=1) + "\n")
@@ -125,16 +125,16 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
 
 
 def _write_episodes(
-    config: RecordConfig,
+    config: Recipe,
     staging: Path,
-    successes: Sequence[Attempt],
+    kept: Sequence[Attempt],
     build: Path,
     progress: Callable[[Iterable[Attempt]], Iterable[Attempt]],
 ) -> None:
     av.logging.set_libav_level(av.logging.PANIC)  # LeRobot's encoder threads let x264 talk otherwise.
     disable_progress_bars()
     joints = JOINTS if TASKS[config.task].joints == len(JOINTS) else HAND_JOINTS
-    first = load_attempt(attempt_path(staging, successes[0].index)).frames
+    first = load_attempt(attempt_path(staging, kept[0].index)).frames
     images = {key: frames.shape[1:] for key, frames in first.items() if key.startswith("observation.images.")}
     dataset = LeRobotDataset.create(
         config.repo_id,
@@ -157,7 +157,7 @@ def _write_episodes(
     )
     task = {"task": TASKS[config.task].description}
     try:
-        for attempt in progress(successes):
+        for attempt in progress(kept):
             frames = load_attempt(attempt_path(staging, attempt.index)).frames
             for k in range(attempt.steps):
                 dataset.add_frame({key: values[k] for key, values in frames.items()} | task)

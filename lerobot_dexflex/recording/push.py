@@ -1,7 +1,7 @@
-"""`dexflex-record --push`: a finished recording goes to the Hub, or first to a folder to look at."""
+"""`--push`: a finished recording goes to the Hub, or first to a folder to look at."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -9,9 +9,33 @@ import httpx
 from huggingface_hub import HfApi, get_token
 from huggingface_hub.errors import RevisionNotFoundError
 
+from lerobot_dexflex.console import INTERRUPTED
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.recording.recipe import Recipe
 from lerobot_dexflex.recording.repo import check_repo_id
 from lerobot_dexflex.recording.upload import Upload, build_upload
+
+
+def then_push(config: Recipe, work: Callable[[], bool]) -> int:
+    """Record, then push if told to; without a login it does not begin.
+
+    Args:
+        config: The recipe.
+        work: Records; returns False after an interrupt.
+
+    Returns:
+        Status of the console script.
+    """
+    uploads = config.push and config.push_dry_run is None
+    if uploads:
+        require_login()
+    if not work():
+        return INTERRUPTED
+    if config.push_dry_run is not None:
+        dry_run(config.root, config.repo_id, config.push_dry_run)
+    elif uploads:
+        push(config.root, config.repo_id)
+    return 0
 
 
 def require_login() -> None:
@@ -51,7 +75,7 @@ def push(root: Path, repo_id: str) -> None:
                 repo_id=repo_id,
                 folder_path=upload.folder,
                 repo_type="dataset",
-                commit_message="Upload by dexflex-record",
+                commit_message="Upload by lerobot_dexflex",
                 delete_patterns=["data/*", "meta/*", "videos/*"],
             )
             with contextlib.suppress(RevisionNotFoundError):

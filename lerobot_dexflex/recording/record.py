@@ -3,24 +3,18 @@
 import contextlib
 import dataclasses
 import functools
-import shutil
-import signal
-from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
-import torch
 from tqdm import tqdm
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
-from lerobot_dexflex.recording.attempt import Attempt, run_attempt, save_attempt
+from lerobot_dexflex.recording.assembly import disk_errors, origin_of, write_dataset
+from lerobot_dexflex.recording.attempt import Attempt, one_thread, run_attempt, save_attempt
 from lerobot_dexflex.recording.config import RecordConfig
-from lerobot_dexflex.recording.staging import is_complete, open_staging, staged_attempts, staging_folder
+from lerobot_dexflex.recording.staging import is_complete, open_staging, staged_attempts
 from lerobot_dexflex.runs.lock import locked
-from lerobot_dexflex.runs.provenance import provenance
 from lerobot_dexflex.runs.workers import run_each
 
 
@@ -43,30 +37,19 @@ def record(config: RecordConfig, arguments: list[str] | None = None) -> bool:
             has no expert, the expert fails too often, or the disk is full. Finished episodes are never lost.
     """
     make_expert(config.task)
-    try:
+    with disk_errors(config):
         if not is_complete(config):
             with locked(config.root):
                 if not is_complete(config):  # Another process may have finished it in between.
                     return _record(config, arguments)
-    except OSError as error:
-        raise DexFlexError(
-            f"Recording stopped: {error}. Finished attempts are kept in {staging_folder(config.root)}. "
-            "Is the disk full? Free some space, then run the same command again to continue."
-        ) from error
     print(f"{config.root} is complete: {config.episodes} episodes of this recipe. Nothing to record.")
     return True
 
 
 def _record(config: RecordConfig, arguments: list[str] | None) -> bool:
-    origin = provenance("dexflex-record", config.modules, arguments) | {
-        "controller": config.controller_digest
-    }
-    staging = open_staging(config)
-    known = staged_attempts(staging)
-    attempts, interrupted = _collect(config, staging, known)
-    if any(attempt.success for attempt in attempts):
-        _assemble(config, staging, attempts, origin)
-    successes = sum(attempt.success for attempt in attempts)
+    origin, staging = origin_of(config, arguments), open_staging(config)
+    attempts, interrupted = _collect(config, staging, staged_attempts(staging))
+    successes = write_dataset(config, staging, attempts, origin)
     if interrupted:
         print(f"Interrupted: {successes} of {config.episodes} episodes are loadable from {config.root}.")
         print("Run the same command again to continue.")
@@ -123,7 +106,7 @@ def _collect(config: RecordConfig, staging: Path, known: dict[int, Attempt]) -> 
 
 
 def _record_attempt(config: RecordConfig, staging: str, index: int) -> Attempt:
-    with _one_thread():
+    with one_thread():
         attempt = run_attempt(
             config.task,
             config.seed,
@@ -135,43 +118,3 @@ def _record_attempt(config: RecordConfig, staging: str, index: int) -> Attempt:
         )
     save_attempt(attempt, Path(staging))
     return dataclasses.replace(attempt, frames={})
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let networks add up in one order: more threads change last bits, and contacts make them visible."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-
-
-def _assemble(config: RecordConfig, staging: Path, attempts: list[Attempt], origin: dict[str, Any]) -> None:
-    # LeRobot takes seconds to import; workers and error messages need not wait for it.
-    from lerobot_dexflex.recording.dataset import assemble
-
-    def progress(episodes: Iterable[Attempt]) -> Iterable[Attempt]:
-        return tqdm(episodes, unit="episode", desc="Writing dataset")
-
-    with _interrupt_deferred():
-        assemble(config, staging, attempts, origin, progress)
-    if sum(attempt.success for attempt in attempts) == config.episodes:
-        shutil.rmtree(staging)
-
-
-@contextlib.contextmanager
-def _interrupt_deferred() -> Iterator[None]:
-    """Answer the first Ctrl-C with a note; a second one interrupts as usual."""
-
-    def note(number: int, frame: FrameType | None) -> None:
-        del number, frame
-        print("\nWriting the dataset first. Press Ctrl-C again to stop at once (attempts are kept).")
-        signal.signal(signal.SIGINT, previous)
-
-    previous: Callable | int | None = signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)

@@ -6,7 +6,7 @@ from typing import Any
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.recording.attempt import Attempt, load_attempt
-from lerobot_dexflex.recording.config import RecordConfig, identity
+from lerobot_dexflex.recording.recipe import Recipe
 from lerobot_dexflex.runs.provenance import code_digest
 
 RECORD_FILE = Path("meta/recording.json")
@@ -19,7 +19,7 @@ def staging_folder(root: Path) -> Path:
     return where.with_name(f"{where.name}.partial")
 
 
-def is_complete(config: RecordConfig) -> bool:
+def is_complete(config: Recipe) -> bool:
     """Tell whether the dataset of this recipe is already there.
 
     Raises:
@@ -27,8 +27,8 @@ def is_complete(config: RecordConfig) -> bool:
     """
     root, staging = config.root, staging_folder(config.root)
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        record = read_record(root)
-        _check_same_recipe(config, record.get("recipe", {}), root)
+        record = read_record(root, config.program)
+        _check_same_recipe(config, record, root)
         if record["complete"]:
             if record["episodes"] == config.episodes:
                 return True
@@ -44,7 +44,7 @@ def is_complete(config: RecordConfig) -> bool:
     return False
 
 
-def open_staging(config: RecordConfig) -> Path:
+def open_staging(config: Recipe) -> Path:
     """Create or continue the staging folder of a recording.
 
     Raises:
@@ -54,13 +54,13 @@ def open_staging(config: RecordConfig) -> Path:
     manifest = staging / "manifest.json"
     if manifest.is_file():
         found = _read_manifest(manifest)
-        _check_same_recipe(config, found["recipe"], staging)
+        _check_same_recipe(config, found, staging)
         if found.get("controller", "") != config.controller_digest:
             raise DexFlexError(
                 f"{staging} was recorded with another controller. Give --controller that one, choose another "
                 f"--root, or delete {staging} to start again."
             )
-        if found["code"] != (code := code_digest(config.modules)):
+        if config.repeatable and found["code"] != (code := code_digest(config.modules)):
             raise DexFlexError(
                 f"{staging} was recorded by other code (digest {found['code']}, now {code}); mixing "
                 "both would make a dataset nobody can reproduce. Go back to that code, choose another "
@@ -72,12 +72,13 @@ def open_staging(config: RecordConfig) -> Path:
     temporary = manifest.with_suffix(".json.tmp")
     if staging.exists() and (not staging.is_dir() or set(staging.iterdir()) - {temporary}):
         raise DexFlexError(
-            f"{staging} exists and is no staging folder of dexflex-record. Choose another --root, or move it "
-            "away; nothing was changed."
+            f"{staging} exists and is no staging folder of {config.program}. Choose another --root, or move "
+            "it away; nothing was changed."
         )
     staging.mkdir(parents=True, exist_ok=True)
     origin = {"code": code_digest(config.modules), "controller": config.controller_digest}
-    temporary.write_text(json.dumps({"recipe": config.to_dict(), **origin}, indent=2))
+    recipe = {"program": config.program, "recipe": config.to_dict()}
+    temporary.write_text(json.dumps(recipe | origin, indent=2))
     temporary.replace(manifest)
     return staging
 
@@ -100,8 +101,12 @@ def _read_manifest(manifest: Path) -> dict[str, Any]:
     return found
 
 
-def read_record(root: Path) -> dict[str, Any]:
+def read_record(root: Path, program: str = "dexflex-record") -> dict[str, Any]:
     """Return what `RECORD_FILE` of a dataset says.
+
+    Args:
+        root: Folder of the dataset.
+        program: What should have recorded it, for the message.
 
     Raises:
         DexFlexError: If there is none, or it is damaged.
@@ -113,7 +118,7 @@ def read_record(root: Path) -> dict[str, Any]:
         _check_types(record["recipe"], {"repo_id": str, "episodes": int})
     except (OSError, ValueError) as error:
         raise DexFlexError(
-            f"{root} exists and is no recording of dexflex-record (no readable {RECORD_FILE}: {error}). "
+            f"{root} exists and is no recording of {program} (no readable {RECORD_FILE}: {error}). "
             "Choose another --root, or move it away; nothing was changed."
         ) from error
     return record
@@ -127,8 +132,18 @@ def _check_types(found: object, types: dict[str, type]) -> None:
             raise ValueError(f"{key} must be of type {wanted.__name__}, got {found.get(key)!r}")
 
 
-def _check_same_recipe(config: RecordConfig, found: dict[str, Any], where: Path) -> None:
-    wanted, have = identity(config.to_dict()), identity(found)
+def program_of(found: dict[str, Any]) -> str:
+    """Return the console script that recorded, of a record or a manifest; early ones do not name it."""
+    return found.get("program", "dexflex-record")
+
+
+def _check_same_recipe(config: Recipe, found: dict[str, Any], where: Path) -> None:
+    if (program := program_of(found)) != config.program:
+        raise DexFlexError(
+            f"{where} holds a recording of {program}, which {config.program} does not continue. Choose "
+            "another --root, or move it away; nothing was changed."
+        )
+    wanted, have = config.identity(config.to_dict()), config.identity(found["recipe"])
     different = [
         f"{key}: {have[key]!r} there, {wanted[key]!r} now" for key in wanted if wanted[key] != have[key]
     ]

@@ -70,13 +70,14 @@ def build_upload(root: Path, repo_id: str, folder: Path) -> Upload:
 def _check_record(root: Path, record: dict[str, Any], info: dict[str, Any]) -> None:
     """Check that card, recipe and record belong to the dataset."""
     with reading(root, RECORD_FILE):
-        succeeded = [attempt["success"] for attempt in record["attempts"]]
-        if not all(type(success) is bool for success in succeeded):
-            raise ValueError("`success` of an attempt must be true or false")
-        counts = (record["episodes"], len(record["episode_seeds"]), sum(succeeded))
+        # Early records have successes only.
+        kept = [attempt.get("kept", attempt["success"]) for attempt in record["attempts"]]
+        if not all(type(one) is bool for one in kept):
+            raise ValueError("`success` and `kept` of an attempt must be true or false")
+        counts = (record["episodes"], len(record["episode_seeds"]), sum(kept))
         if set(counts) != {info["total_episodes"]}:
             raise ValueError(
-                f"it counts {counts} episodes, seeds and successes, {info['total_episodes']} exist"
+                f"it counts {counts} episodes, seeds and kept attempts, {info['total_episodes']} exist"
             )
     with reading(root, _RECIPE):
         try:

@@ -1,5 +1,6 @@
-"""LeRobot plugin: `--policy.type=dexflex_flow|dexflex_adapter`, `--env.type=dexflex`, processor steps."""
+"""LeRobot plugin: policies `dexflex_flow|dexflex_adapter`, env `dexflex`, teleop `dexflex_glove`, steps."""
 
+from lerobot_policy_dexflex.config_dexflex_glove import DexflexGloveConfig as DexflexGloveConfig
 from lerobot_policy_dexflex.configuration_dexflex_adapter import DexflexAdapterConfig as DexflexAdapterConfig
 from lerobot_policy_dexflex.configuration_dexflex_flow import DexflexFlowConfig as DexflexFlowConfig
 from lerobot_policy_dexflex.configuration_env import DexflexEnvConfig as DexflexEnvConfig

@@ -6,7 +6,8 @@ from lerobot_dexflex.recording.expert_rate import expert_rate
 
 
 def every_fourth_fails(index):
-    return Attempt(index, 100 + index, index % 4 != 3, 7, 1.0, {})
+    solved = index % 4 != 3
+    return Attempt(index, 100 + index, solved, 7, 1.0, {}, kept=solved)
 
 
 def measure(table, run=every_fourth_fails, episodes=8, seed=100):

@@ -187,8 +187,8 @@ def test_statistics_of_other_data_are_refused(recorded):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"episodes": 3}, r"it counts \(3, 2, 2\) episodes, seeds and successes, 2 exist"),
-        ({"attempts": [{"success": "no"}] * 2}, "`success` of an attempt must be true or false"),
+        ({"episodes": 3}, r"it counts \(3, 2, 2\) episodes, seeds and kept attempts, 2 exist"),
+        ({"attempts": [{"success": "no"}] * 2}, "`success` and `kept` of an attempt must be true or false"),
         ({"recipe": {"repo_id": NAME, "episodes": 2}}, "recipe.yaml is damaged: it is another recipe"),
     ],
 )

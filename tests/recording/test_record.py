@@ -10,7 +10,6 @@ import yaml
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.command import Command, fingertips_of
 from lerobot_dexflex.recording import RecordConfig, attempt, record, staging
-from lerobot_dexflex.recording.config import identity
 
 
 @pytest.fixture(scope="session")
@@ -173,9 +172,9 @@ def test_a_learned_interface_names_its_controller_and_does_not_mix_two(
 
 def test_a_recipe_from_before_an_option_means_its_default():
     known = RecordConfig().to_dict()
-    assert identity(
+    assert RecordConfig.identity(
         {k: v for k, v in known.items() if k not in ("glove", "source", "interface")}
-    ) == identity(known)
+    ) == RecordConfig.identity(known)
 
 
 def test_every_element_is_named(counting_task, tmp_path):

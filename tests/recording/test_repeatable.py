@@ -40,9 +40,9 @@ for k in range(2):
     frames = {f"observation.images.{camera}": own for camera in ("front", "wrist")}
     for key, column in (columns(JOINTS) | privileged_columns()).items():
         frames[key] = np.random.default_rng(k).normal(size=(60, len(column.names))).astype(np.float32)
-    attempts.append(Attempt(k, k, True, 60, 1.0, frames))
+    attempts.append(Attempt(k, k, True, 60, 1.0, frames, kept=True))
     save_attempt(attempts[-1], staging)
-origin = dict.fromkeys(("command", "commit", "code", "controller"), "x") | {"versions": {}}
+origin = dict.fromkeys(("program", "command", "commit", "code", "controller"), "x") | {"versions": {}}
 assemble(RecordConfig(episodes=2, root=root), staging, attempts, origin)
 """
 

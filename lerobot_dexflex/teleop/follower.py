@@ -1,0 +1,103 @@
+"""From a stream of records to joint targets: the hand follows, or holds still and knows why."""
+
+from typing import Literal
+
+from lerobot_dexflex.streams.record import Array, Record
+from lerobot_dexflex.streams.retarget import Retargeting
+from lerobot_dexflex.streams.source import STALE_AFTER, Newest
+from lerobot_dexflex.streams.wrist_frame import Frame
+from lerobot_dexflex.teleop.clock import TICK
+from lerobot_dexflex.teleop.clutch import Clutch
+from lerobot_dexflex.teleop.fingers import FingerLead
+from lerobot_dexflex.teleop.ik import RobotIK
+
+Status = Literal["released", "waiting", "stale", "lost", "following"]
+"""`released`: the operator's clutch is out. `waiting`: no record has come. `stale`: records stopped coming.
+`lost`: the device does not see the hand. In all of them the robot holds still."""
+
+HOLD_AFTER = STALE_AFTER - TICK
+"""A record that came longer ago leads nobody [s]. It may have waited for a tick before: so nothing moves on
+an older record than `STALE_AFTER`."""
+LONGEST = 0.1
+"""Time that one step covers at most, whatever the pause before [s]."""
+
+
+class Follower:
+    """Leads arm and hand by records, tick by tick.
+
+    What it solved is kept in the inverse kinematics alone: who asks between two ticks gets the newest, and
+    while it holds, the same to the last bit.
+
+    Args:
+        retargeting: Of this person.
+        joints: Where the robot is, arm then hand [rad]. Shape (23,).
+        scale: Motion of the palm per motion of the wrist.
+        heading: See `Clutch`.
+    """
+
+    def __init__(
+        self, retargeting: Retargeting, joints: Array, scale: float = 1.0, heading: float = 0.0
+    ) -> None:
+        self._ik = RobotIK(joints)
+        self._clutch = Clutch(retargeting.offset, scale, heading)
+        self._fingers = FingerLead(retargeting, self._ik.tips)
+        self._record: Record | None = None
+        self._came = self._last = float("-inf")
+        self.engaged = False
+        """Whether the operator leads. Set it as you like."""
+        self.status: Status = "released"
+        """Of the last step."""
+
+    @property
+    def joints(self) -> Array:
+        """Joint targets, arm then hand [rad]. Shape (23,)."""
+        return self._ik.joints
+
+    @property
+    def tips(self) -> Array:
+        """Where the fingertips should be: those of the joint targets, palm frame [m]. Shape (4, 3)."""
+        return self._ik.tips
+
+    @property
+    def arm_follows(self) -> bool:
+        """Whether the last record said where the wrist is."""
+        return self._record is not None and self._record.wrist_tracked
+
+    def begin(self, joints: Array) -> None:
+        """Go on from where the robot is after a reset: joints [rad], shape (23,)."""
+        self._ik.put(joints)
+        self._fingers.begin(self._ik.tips)
+        self._clutch.uncouple()
+
+    def step(self, newest: Newest, now: float) -> None:
+        """Follow the newest record for the time since the last step, or hold still.
+
+        Args:
+            newest: Of the source.
+            now: The caller's clock [s].
+        """
+        dt = min(now - self._last, LONGEST)
+        self._last = now
+        if newest.record is not self._record:
+            self._record, self._came = newest.record, now
+        self.status = self._judge(newest, now)
+        if self.status != "following" or self._record is None:
+            self._clutch.uncouple()
+            self._fingers.lose()
+        elif dt > 0:
+            self._ik.solve(self._palm(self._record), self._fingers.lead(self._record, dt), dt)
+
+    def _judge(self, newest: Newest, now: float) -> Status:
+        if not self.engaged:
+            return "released"
+        if newest.record is None:
+            return "waiting"
+        if newest.stale or now - self._came > HOLD_AFTER:
+            return "stale"
+        return "lost" if newest.record.is_lost else "following"
+
+    def _palm(self, record: Record) -> Frame | None:
+        if not record.wrist_tracked:
+            self._clutch.uncouple()
+            return None
+        return self._clutch.lead(Frame(record.wrist_position, record.wrist_rotation), self._ik.palm)

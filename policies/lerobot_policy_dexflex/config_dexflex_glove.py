@@ -1,0 +1,51 @@
+"""Configuration of `--teleop.type=dexflex_glove`. LeRobot finds the device beside it, by the file's name."""
+
+from dataclasses import dataclass, field
+
+from draccus.utils import ParsingError
+from lerobot.teleoperators import TeleoperatorConfig
+
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand import leap, xarm7
+from lerobot_dexflex.teleop.stream_config import STREAMS, StreamConfig
+
+
+@TeleoperatorConfig.register_subclass("dexflex_glove")
+@dataclass(kw_only=True)
+class DexflexGloveConfig(TeleoperatorConfig):
+    """A person's hand, seen by a glove, a headset or a camera, leads an xArm7 with a LEAP hand."""
+
+    source: str = "rokoko"
+    """How records come: `rokoko`, `openxr` or `mediapipe` by UDP, or `replay` of a stored stream."""
+    stream: StreamConfig = field(default_factory=StreamConfig)
+    """How the stream is read."""
+    start: list[float] = field(default_factory=list)
+    """Joints at which the robot waits before it is led, arm then hand [rad], 23 numbers; none means the arm's
+    home and relaxed fingers."""
+    scale: float = 1.0
+    """Motion of the palm per motion of the wrist."""
+    heading: float = 0.0
+    """How far the robot's forward is to the left of the person's [deg]."""
+    thumb_scale: float = 1.0
+    """Extra scale of the thumb, from the wrist; 1 keeps what touches touching."""
+    patience: float = 60.0
+    """How long to wait for an open hand when it connects [s]."""
+
+    def __post_init__(self) -> None:
+        """Check all values.
+
+        Raises:
+            ParsingError: If one is invalid. draccus hides the message of a ValueError, not of this.
+        """
+        if self.source not in STREAMS:
+            raise ParsingError(f"`source` must be one of {', '.join(STREAMS)}. Got {self.source!r}.")
+        try:
+            self.stream.check(self.source)
+        except DexFlexError as error:
+            raise ParsingError(str(error).replace("--s", "--teleop.s")) from error
+        joints = len(xarm7.LINKS) + len(leap.LINKS)
+        if len(self.start) not in (0, joints):
+            raise ParsingError(f"`start` must be {joints} joints [rad], or none. Got {len(self.start)}.")
+        for name in ("scale", "thumb_scale", "patience"):
+            if not getattr(self, name) > 0:
+                raise ParsingError(f"`{name}` must be positive. Got {getattr(self, name)}.")
