@@ -9,11 +9,13 @@ from pathlib import Path
 import gymnasium
 from lerobot.configs import PreTrainedConfig
 from lerobot.envs import EnvConfig
+from lerobot.teleoperators import TeleoperatorConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
 register_third_party_plugins()
 assert "dexflex_flow" in PreTrainedConfig.get_known_choices(), "LeRobot did not discover the policy"
 assert "dexflex" in EnvConfig.get_known_choices(), "LeRobot did not discover the environment"
+assert "dexflex_glove" in TeleoperatorConfig.get_known_choices(), "LeRobot did not discover the teleoperator"
 for task in ("AssembleTable-v0", "PlaceHammer-v0", "PourCup-v0", "Reach-v0"):
     assert f"lerobot_dexflex/{task}" in gymnasium.registry, f"{task} is not registered"
 
@@ -32,6 +34,6 @@ assert info["is_success"] is False
 env.step(observation["agent_pos"])
 env.close()
 
-for command in ("dexflex-record", "lerobot-train", "lerobot-eval"):
+for command in ("dexflex-record", "dexflex-teleop", "lerobot-train", "lerobot-eval"):
     subprocess.run([Path(sys.prefix, "bin", command), "--help"], check=True, stdout=subprocess.DEVNULL)
 print("installed package works")

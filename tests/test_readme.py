@@ -33,6 +33,7 @@ SHORTER = {
     "lerobot-eval": "--eval.n_episodes=1 --eval.batch_size=1 --env.episode_length=5",
     "lerobot-dataset-viz": "--save=1 --output-dir=outputs/viz --num-workers=0",
     "dexflex-record": "--episodes=1 --workers=0",
+    "dexflex-teleop": "--realtime=false --simulated.glove=clean --view=none",
     "compare_interfaces.py": "--methods=raw --episodes=1 --workers=0",
     "dexflex-corpus": "--jobs.train=1 --jobs.tune=1 --jobs.test=0 --objects_per_job=1 --steps_per_object=120 "
     "--workers=0",
@@ -48,6 +49,7 @@ SET_UP = ("git", "cd", "source")
 PARSED = {
     "dexflex-corpus": "lerobot_dexflex.corpus.cli",
     "dexflex-record": "lerobot_dexflex.recording.cli",
+    "dexflex-teleop": "lerobot_dexflex.teleop.cli",
     "dexflex-train": "lerobot_dexflex.training.cli",
     "lerobot-dataset-viz": "lerobot.scripts.lerobot_dataset_viz",
     "lerobot-eval": "lerobot.scripts.lerobot_eval",
@@ -193,6 +195,7 @@ def anchors(text):
         ("docs/datasets.md", 1000),
         ("docs/training.md", 1000),
         ("docs/streams.md", 500),
+        ("docs/teleoperation.md", 700),
         ("eval/README.md", 500),
     ],
 )

@@ -76,7 +76,6 @@ class StreamLeader:
         self._follower: Follower | None = None
         self._told.clear()
         self._open_hand = OpenHand(self._thumb_scale)
-        self._say(OPEN_YOUR_HAND)
 
     def toggle(self) -> None:
         """See `Leader.toggle`."""
@@ -102,13 +101,13 @@ class StreamLeader:
             self._end = now + getattr(self._source, "duration", np.inf)
         self._now = now
         newest = self._source.newest(now)
-        # Packets come, and no record does: why?
-        self._tell("refusal", str(getattr(self._source, "refusal", None) or ""))
         if self._follower is None:
             self._look(newest, now)
         else:
             self._follower.step(newest, now)
             self._tell_of(self._follower)
+        # Packets come, and no record does: why?
+        self._tell("refusal", str(getattr(self._source, "refusal", None) or ""))
 
     def command(self) -> Command | None:
         """See `Leader.command`; a glove knows no future, so a draft's steps are all the same."""
@@ -127,7 +126,9 @@ class StreamLeader:
             fit = f"{found.scale:.2f} times yours, to {1e3 * found.residual:.0f} mm"
             keys = "" if self._engaged else " SPACE takes it, and releases it."
             self._say(f"Calibrated: the robot's hand is {fit}.{keys}")
-        self._tell("open hand", self._open_hand.complaint)
+            self._told["status"] = "" if self._engaged else HOLDS["released"]
+        else:
+            self._tell("open hand", self._open_hand.complaint or OPEN_YOUR_HAND)
 
     def _tell_of(self, follower: Follower) -> None:
         if follower.status == "following":

@@ -41,7 +41,7 @@ def record(t, keypoints=HAND, place=(0.0, 0.0, 1.0), turn=FORWARD, lost=(), wris
 
 
 class MovingHand:
-    """Satisfies `Source`, like a receiver: stale 100 ms after the last record came.
+    """Satisfies `Source`, like a receiver: stale 100 ms after the look that found the last record.
 
     Args:
         at: Returns the record of a time [s], or None if none is sent then.
@@ -58,6 +58,6 @@ class MovingHand:
         for k in range(self._sent + 1, last + 1):
             found = self._at(k / self._rate)
             if found is not None:
-                self._record, self._came = found, k / self._rate
+                self._record, self._came = found, now
         self._sent = last
         return Newest(self._record, now - self._came > 0.1)

@@ -70,3 +70,9 @@ def test_after_a_reset_fingers_begin_where_the_robot_is(fingers):
     fingers.begin(START)
     np.testing.assert_array_equal(fingers.targets, START)
     assert np.abs(follow(fingers, 1) - START).max() <= RETURN_SPEED * DT
+
+
+def test_after_a_reset_a_lost_finger_stays_where_the_robot_is(fingers):
+    follow(fingers, 200, keypoints=bent(0.5))
+    fingers.begin(START)
+    np.testing.assert_array_equal(follow(fingers, 5, lost=[8])[0], START[0])

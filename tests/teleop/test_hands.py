@@ -27,9 +27,10 @@ def command(hand):
         (np.zeros(16), False),
         (POSTURE, True),
         (POSTURE * ([1.0] * 6 + [0.0] * 2 + [1.0] * 8), False),
+        (np.array([*(0.4, 0.0, 0.6, -0.3) * 3, *POSTURE[12:]]), False),
         (POSTURE * ([1.0] * 12 + [-9.0] * 4), True),
     ],
-    ids=["relaxed", "straight", "bent", "a straight middle finger", "whatever the thumb does"],
+    ids=["relaxed", "straight", "bent", "a straight middle finger", "tips back", "whatever the thumb does"],
 )
 def test_fingers_must_bend_forward(hand, forward):
     assert bends_forward(np.asarray(hand, float)) == forward

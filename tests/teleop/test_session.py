@@ -226,6 +226,13 @@ def test_a_second_session_goes_on_after_the_first(play, config):
     assert attempt_path(staging_folder(config.root), 2).is_file()
 
 
+def test_what_was_killed_when_enough_was_kept_only_has_to_be_written(play, config):
+    config.episodes = 1
+    play({0.0: "s", 0.2: "k"})
+    session, said, attempts = play({0.0: "s", 0.2: "k"})
+    assert (session.over, session.ticks, said, len(attempts)) == (True, 0, [], 1)
+
+
 def test_late_ticks_are_counted(play, monkeypatch):
     class SlowClock(SteppedClock):
         def wait(self, until):
