@@ -49,11 +49,6 @@ class Follower:
         return self._ik.joints
 
     @property
-    def tips(self) -> Array:
-        """Where the fingertips should be: those of the joint targets, palm frame [m]. Shape (4, 3)."""
-        return self._ik.tips
-
-    @property
     def arm_follows(self) -> bool:
         """Whether the last record said where the wrist is."""
         return self._record is not None and self._record.wrist_tracked
