@@ -20,7 +20,7 @@ class Clutch:
     Args:
         wrist: Where a person's wrist would be in the palm frame [m]: a `Retargeting`'s offset. Shape (3,).
         scale: Motion of the palm per motion of the wrist.
-        heading: How far the robot's forward is to the left of the person's [rad].
+        heading: How far the person's forward is to the left of the robot's [rad].
     """
 
     def __init__(self, wrist: Array, scale: float = 1.0, heading: float = 0.0) -> None:

@@ -1,12 +1,12 @@
 """From a stream of records to joint targets: the hand follows, or holds still and knows why."""
 
+from math import inf
 from typing import Literal
 
 from lerobot_dexflex.streams.record import Array, Record
 from lerobot_dexflex.streams.retarget import Retargeting
 from lerobot_dexflex.streams.source import STALE_AFTER, Newest
 from lerobot_dexflex.streams.wrist_frame import Frame
-from lerobot_dexflex.teleop.clock import TICK
 from lerobot_dexflex.teleop.clutch import Clutch
 from lerobot_dexflex.teleop.fingers import FingerLead
 from lerobot_dexflex.teleop.ik import RobotIK
@@ -15,18 +15,13 @@ Status = Literal["released", "waiting", "stale", "lost", "following"]
 """`released`: the operator's clutch is out. `waiting`: no record has come. `stale`: records stopped coming.
 `lost`: the device does not see the hand. In all of them the robot holds still."""
 
-HOLD_AFTER = STALE_AFTER - TICK
-"""A record that came longer ago leads nobody [s]. It may have waited for a tick before: so nothing moves on
-an older record than `STALE_AFTER`."""
-LONGEST = 0.1
-"""Time that one step covers at most, whatever the pause before [s]."""
-
 
 class Follower:
     """Leads arm and hand by records, tick by tick.
 
-    What it solved is kept in the inverse kinematics alone: who asks between two ticks gets the newest, and
-    while it holds, the same to the last bit.
+    A record leads for 100 ms, counted from the look before the one that found it: nothing moves on an older
+    one, however late the looks are. What was solved is kept in the inverse kinematics alone: who asks between
+    two looks gets the newest, and while it holds, the same to the last bit.
 
     Args:
         retargeting: Of this person.
@@ -42,7 +37,7 @@ class Follower:
         self._clutch = Clutch(retargeting.offset, scale, heading)
         self._fingers = FingerLead(retargeting, self._ik.tips)
         self._record: Record | None = None
-        self._came = self._last = float("-inf")
+        self._came, self._last = -inf, -inf
         self.engaged = False
         """Whether the operator leads. Set it as you like."""
         self.status: Status = "released"
@@ -52,11 +47,6 @@ class Follower:
     def joints(self) -> Array:
         """Joint targets, arm then hand [rad]. Shape (23,)."""
         return self._ik.joints
-
-    @property
-    def tips(self) -> Array:
-        """Where the fingertips should be: those of the joint targets, palm frame [m]. Shape (4, 3)."""
-        return self._ik.tips
 
     @property
     def arm_follows(self) -> bool:
@@ -76,15 +66,15 @@ class Follower:
             newest: Of the source.
             now: The caller's clock [s].
         """
-        dt = min(now - self._last, LONGEST)
-        self._last = now
         if newest.record is not self._record:
-            self._record, self._came = newest.record, now
+            # It may have come right after the last look; before the first, nobody knows when.
+            self._record, self._came = newest.record, self._last
+        dt, self._last = now - self._last, now
         self.status = self._judge(newest, now)
         if self.status != "following" or self._record is None:
             self._clutch.uncouple()
             self._fingers.lose()
-        elif dt > 0:
+        elif dt > 0:  # At most 100 ms: after a longer pause the record found is stale.
             self._ik.solve(self._palm(self._record), self._fingers.lead(self._record, dt), dt)
 
     def _judge(self, newest: Newest, now: float) -> Status:
@@ -92,7 +82,7 @@ class Follower:
             return "released"
         if newest.record is None:
             return "waiting"
-        if newest.stale or now - self._came > HOLD_AFTER:
+        if newest.stale or now - self._came > STALE_AFTER:
             return "stale"
         return "lost" if newest.record.is_lost else "following"
 

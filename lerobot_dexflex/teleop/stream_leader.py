@@ -52,6 +52,7 @@ class StreamLeader:
         self._joints: Array = np.zeros(0)
         self._now, self._end = -np.inf, np.inf
         self._told: dict[str, str] = {}
+        self._status: Status = "released"
         self.calibrate()
 
     @property
@@ -131,9 +132,11 @@ class StreamLeader:
             self._tell("open hand", self._open_hand.complaint or OPEN_YOUR_HAND)
 
     def _tell_of(self, follower: Follower) -> None:
+        """Tell the status; of a hold at its second look: after a pause of the caller there is one."""
+        before, self._status = self._status, follower.status
         if follower.status == "following":
             self._tell("status", FOLLOWS if follower.arm_follows else NO_WRIST)
-        else:
+        elif before == follower.status:
             self._tell("status", HOLDS[follower.status])
 
     def _tell(self, topic: str, text: str) -> None:

@@ -25,7 +25,7 @@ class DexflexGloveConfig(TeleoperatorConfig):
     scale: float = 1.0
     """Motion of the palm per motion of the wrist."""
     heading: float = 0.0
-    """How far the robot's forward is to the left of the person's [deg]."""
+    """How far the person's forward is to the left of the robot's [deg]."""
     thumb_scale: float = 1.0
     """Extra scale of the thumb, from the wrist; 1 keeps what touches touching."""
     patience: float = 60.0

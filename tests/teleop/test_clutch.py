@@ -41,7 +41,8 @@ def test_the_palm_turns_about_the_wrist():
     np.testing.assert_allclose(palm.position, (0.42, 0.12, 0.3), atol=1e-12)
 
 
-def test_the_robots_forward_may_be_to_the_left_of_the_persons():
+def test_the_persons_forward_may_be_to_the_left_of_the_robots():
+    """Who looks to the robot's left moves it there by moving forward."""
     palm = led(Clutch(PIVOT, heading=np.pi / 2), at(0, 0, 0), at(0.1, 0.02, 0.03))
     np.testing.assert_allclose(palm.position, PALM.position + np.array((-0.02, 0.1, 0.03)), atol=1e-12)
 

@@ -104,6 +104,25 @@ def test_a_hand_leads_the_robot_and_becomes_a_dataset_that_policies_train_on(tmp
     assert "The operator's fingertips passed through the interface `raw`" in card
 
 
+def test_every_command_from_100_ms_after_the_last_record_on_is_the_one_before(tmp_path, capsys):
+    """The wrist moves all the time, and is not sent for 0.6 s from 3 s on."""
+    path, root, start = tmp_path / "hand.jsonl", tmp_path / "live", round(1.3 * BEATS)
+    with RecordWriter(path) as writer:
+        for t in np.arange(0.0, 5.0, 0.01):
+            if not 3.0 < t < 3.6:
+                moved = max(0.0, t - 1.5)
+                writer.append(record(t, bent(0.2 * moved), (0.3, 0.1, 1.0 + 0.04 * moved)))
+    keys = {start: ["space"], start + 6: "s", round(4.5 * BEATS): "k", round(4.5 * BEATS) + 2: "q"}
+    operate(streamed(root, path, interface="joint"), [], ScriptedKeys(keys))
+    assert "The stream stopped: the robot holds still." in capsys.readouterr().out
+    actions = numbers(loaded(root))["action"]
+    times = 1.4 + 0.05 * np.arange(len(actions))  # Of the control steps.
+    still = np.append(False, (actions[1:] == actions[:-1]).all(1))
+    assert still[(times > 3.1 + 1e-6) & (times < 3.6 - 1e-6)].all()
+    assert not still[(times > 1.7) & (times < 3.05)].any()
+    assert not still[times > 3.7].any()
+
+
 def test_an_interrupt_leaves_the_finished_episodes_in_the_dataset(counting_task, tmp_path):
     config = simulated(counting_task, tmp_path / "live", episodes=4, seed=0)
     with pytest.raises(KeyboardInterrupt):

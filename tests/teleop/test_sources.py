@@ -28,8 +28,9 @@ def received(source, packet):
     port = getattr(source, "_receiver", source).port
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.sendto(sent(packet), ("127.0.0.1", port))
-    start = time.monotonic()
-    while (newest := source.newest(time.monotonic())).record is None and time.monotonic() < start + 2.0:
+    until = time.monotonic() + 2.0
+    while (newest := source.newest(time.monotonic())).record is None and source.refusal is None:
+        assert time.monotonic() < until
         time.sleep(0.01)
     return newest
 

@@ -63,11 +63,21 @@ def test_a_hand_that_is_not_seen_and_a_wrist_that_is_not_known_are_told(said):
 def test_a_key_takes_the_hand_and_releases_it(said):
     leader, joints = lead(MovingHand(moving), said, 1.5, engaged=False)
     assert said[1].endswith("to 8 mm. SPACE takes it, and releases it.")
+    assert len(said) == 2
     np.testing.assert_allclose(joints[-1][:7], START[:7], atol=1e-9)
-    for now, text in ((1.5, FOLLOWS), (1.52, HOLDS["released"])):
+    for now, text in ((1.5, FOLLOWS), (1.54, HOLDS["released"])):
         leader.toggle()
         leader.tick(now)
+        leader.tick(now + 0.02)
         assert said[-1] == text
+
+
+def test_a_pause_of_the_caller_is_no_news(said):
+    """Saving an episode takes a second, in which nobody looks."""
+    leader, _ = lead(MovingHand(moving), said, 2.0)
+    for now in (3.0, 3.02, 3.04, 3.06):
+        leader.tick(now)
+    assert said[2:] == [FOLLOWS]
 
 
 def test_a_key_before_the_hand_is_calibrated_asks_for_it_again(said):
