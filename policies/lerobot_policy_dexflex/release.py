@@ -7,11 +7,11 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from huggingface_hub.constants import SAFETENSORS_SINGLE_FILE as WEIGHTS
+
 from lerobot_dexflex import console
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.policy_files import check_policy_files
-
-WEIGHTS = "model.safetensors"
 
 
 @dataclass

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.hand.leap import FINGERS
+from lerobot_dexflex.hand.touch import TAXELS
 from lerobot_dexflex.hand.touch_image import FULL_SCALE
 
 _DRAFT, _SELECTED, _MEASURED = (235, 150, 50), (70, 140, 240), (150, 150, 150)
@@ -83,8 +84,8 @@ class RerunLog:
 
         A picture made here, as in films, takes OpenCV 20 ms: too long beside a control step.
         """
-        pads = np.asarray(tactile, np.float32).reshape(len(FINGERS), 10, 6)[:, ::-1]
-        strip = np.pad(pads, ((0, 0), (0, 0), (0, 1))).swapaxes(0, 1).reshape(10, -1)
+        pads = np.asarray(tactile, np.float32).reshape(len(FINGERS), *TAXELS)[:, ::-1]
+        strip = np.pad(pads, ((0, 0), (0, 0), (0, 1))).swapaxes(0, 1).reshape(TAXELS[0], -1)
         colours = self._rr.components.Colormap.Inferno
         return self._rr.DepthImage(strip, meter=1.0, colormap=colours, depth_range=(0.0, FULL_SCALE))
 
