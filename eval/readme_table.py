@@ -25,9 +25,13 @@ if TYPE_CHECKING:  # Seconds of imports that --help need not pay.
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "eval/results"
+TOOLS = "PourCup-v0,PlaceHammer-v0"
+"""Tasks whose policies succeed often enough to be told apart."""
 TASKS = "PourCup-v0,PlaceHammer-v0,AssembleTable-v0"
 POLICIES = "joint,commanded/raw,commanded/press:1,press:4,dexgen,dexflex-notouch,dexflex"
 """Measured under policies, which learned joint targets, commanded and measured fingertips."""
+SPLIT = "dexflex:use_splitter=True"
+"""The controller below a source that presses."""
 OPERATOR = (
     "operator/joint,operator/raw,operator-pressing/raw,operator/press:4,operator/dexgen,operator/dexflex"
 )
@@ -49,6 +53,8 @@ class View:
     """What stands side by side: `task`, or `condition`, then with the episodes of all tasks together."""
     trainings: bool = False
     """Also read the rows of other trainings, `tasks_seed*.csv`, and tell what holds over trainings."""
+    against: str = ""
+    """Over trainings: show only the tests against this method; all of them if empty."""
     results: Path = RESULTS
     """Folder of `tasks.csv` and `runs.csv`."""
 
@@ -73,9 +79,21 @@ VIEWS = {
     "operator": View(OPERATOR, conditions="typical"),
     "expert": View("expert"),
     "policies": View(trainings=True),
+    "splitter": View(f"commanded/raw,dexflex,commanded/{SPLIT}", trainings=True),
+    "removal": View(
+        "joint,commanded/raw,commanded/press:1,commanded/press:1+blocked=True,commanded/projection,"
+        f"commanded/{SPLIT},press:4,press:4+blocked=True,dexgen,dexflex-notouch,dexflex",
+        "removal_2mm",
+        TOOLS,
+        trainings=True,
+        against="dexflex",
+    ),
+    "typical": View(POLICIES, "typical", "PlaceHammer-v0", trainings=True, against="dexflex"),
+    "ten": View("demos10/joint,demos10-commanded/raw,demos10/dexgen,demos10/dexflex", tasks=TOOLS),
+    "motion_only": View("motion/raw,motion/press:4,motion/dexgen,motion/dexflex", tasks="PlaceHammer-v0"),
+    "fifty": View("joint,commanded/raw,dexgen,dexflex", tasks=TOOLS),
 }
 """What a document may show, by name."""
-_SPLIT = "dexflex:use_splitter=True"
 BENCHMARKS = {
     "motion": Benchmark(
         "raw,press,dexgen,dexflex-noselection,dexflex-notouch,dexflex,forces,operator", "clean,removal_2mm"
@@ -87,14 +105,14 @@ BENCHMARKS = {
         "removal_2mm",
     ),
     "pressing": Benchmark(
-        f"raw,press,projection,dexgen:use_splitter=True,dexflex,{_SPLIT}",
+        f"raw,press,projection,dexgen:use_splitter=True,dexflex,{SPLIT}",
         "pressing,removal_2mm+pressing",
-        _SPLIT,
+        SPLIT,
     ),
     "pressing_families": Benchmark(
-        f"raw,press,projection,dexgen:use_splitter=True,{_SPLIT}",
+        f"raw,press,projection,dexgen:use_splitter=True,{SPLIT}",
         "noise_2mm+pressing,scale_1.5+pressing,delay_2+pressing,removal_2mm+pressing",
-        _SPLIT,
+        SPLIT,
     ),
 }
 """Tables of the in-hand benchmark that a document may show, by name."""
@@ -185,7 +203,7 @@ def _one_table(view: View, conditions: list[str]) -> str:
     from lerobot_dexflex.evaluation.report.table import detail_markdown, rates_markdown
 
     if view.trainings:
-        return trainings.markdown(pooled(view, conditions))
+        return trainings.markdown(pooled(view, conditions), view.against)
     summary = alone(view, conditions)
     wide = view.by == "condition" or "," in view.tasks
     return rates_markdown(summary) if wide else detail_markdown(summary)

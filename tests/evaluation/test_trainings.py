@@ -131,6 +131,8 @@ def test_letters_come_from_the_adjusted_tests_and_stand_in_table_and_plot():
     assert "| `low` | 25 % [11, 47] | bc |" in text
     assert text.count("One training, 20 rollouts per cell.") == 1
     assert "each training" not in text
+    assert text.count(" vs ") == 6
+    assert markdown(found, "best").count(" vs ") == 3
     unlettered = over_trainings({"tasks.csv": rows.assign(seed=range(len(rows)))}, list(outcomes)).summary
     assert unlettered.letters == {}
     assert plots.success(found.summary) != plots.success(unlettered)

@@ -8,9 +8,14 @@ _PAIR_HEADER = ("pair", "only first", "only second", "p (Holm)", "gain")
 _EACH = "each training"
 
 
-def markdown(found: OverTrainings) -> str:
-    """Return success, times and drops by method, the paired tests, and what the columns mean."""
-    parts = [_methods(found), *([_pairs(found)] if found.pairs else []), _meanings(found)]
+def markdown(found: OverTrainings, against: str = "") -> str:
+    """Return success, times and drops by method, the paired tests, and what the columns mean.
+
+    Args:
+        found: What to show.
+        against: Show only the tests against this method; all of them if empty.
+    """
+    parts = [_methods(found), *([_pairs(found, against)] if found.pairs else []), _meanings(found)]
     return "\n\n".join(parts)
 
 
@@ -33,7 +38,7 @@ def _methods(found: OverTrainings) -> str:
     return as_markdown([*header, *_each_header(found)], rows)
 
 
-def _pairs(found: OverTrainings) -> str:
+def _pairs(found: OverTrainings, against: str) -> str:
     rows = [
         [
             f"`{pair.test.first}` vs `{pair.test.second}`",
@@ -44,6 +49,7 @@ def _pairs(found: OverTrainings) -> str:
             *_each(pair.each, "+"),
         ]
         for pair in found.pairs
+        if not against or against in (pair.test.first, pair.test.second)
     ]
     return as_markdown([*_PAIR_HEADER, *_each_header(found)], rows)
 
