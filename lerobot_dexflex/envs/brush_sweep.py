@@ -26,8 +26,8 @@ ARM_START = (0.40, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2 + 0.40)
 """Arm at the start of an episode [rad]: the hand hovers behind the stand, palm down."""
 HANDLE_HALF_DEPTH, HANDLE_HALF_LENGTH = 0.008, 0.07
 """Half height and half length of the handle's bar [m]; its frame: z along it to the head, x up."""
-HEAD_HALF_SIZE = (0.008, 0.014, 0.045)
-HEAD_CENTRE = 0.115
+HEAD_HALF_SIZE = (0.008, 0.014, 0.04)
+HEAD_CENTRE = 0.11
 """Centre of the head along the handle, from the handle's centre [m]."""
 BRISTLE_END = -0.055
 """Where the bristles end in the brush's frame, along x [m]: the fingertips pass above pieces and pan."""
@@ -43,8 +43,8 @@ SHARE = 0.8
 _HANDLE_SHARE = 0.6
 """Share of the mass in the handle, as the hammer's."""
 _STAND_HEIGHT, _PAN_FLOOR, _WALL = 0.012, 0.001, 0.002
-_BRISTLE_FRICTION, _BRISTLE_SOLREF = (0.3, 0.005, 0.0001), (0.05, 1.0)
-"""Bristles slide on pieces by 0.3, on the table by its own 0.8, and give way like bristles."""
+_SCRAPE_FRICTION, _SCRAPE_SOLREF = 0.8, (0.2, 1.0)
+"""Bristles give way to table and pan by 4 mm per newton."""
 
 
 @dataclass(frozen=True)
@@ -213,6 +213,7 @@ def _add_brush(spec: mujoco.MjSpec, episode: BrushEpisode) -> None:
         geoms[name] = add_block(body, f"brush_{name}", half_size, place, colour)
         geoms[name].mass = share * episode.mass
         geoms[name].condim = 4
-    bristles = geoms["bristles"]
-    bristles.condim, bristles.friction = 3, _BRISTLE_FRICTION
-    bristles.solref, bristles.solmix = _BRISTLE_SOLREF, 20.0
+    geoms["bristles"].friction = (0.3, 0.005, 0.0001)  # With pieces.
+    for ground in ("table", "pan_floor", "pan_lip"):
+        pair = spec.add_pair(geomname1="brush_bristles", geomname2=ground, condim=3)
+        pair.friction[:2], pair.solref = _SCRAPE_FRICTION, _SCRAPE_SOLREF

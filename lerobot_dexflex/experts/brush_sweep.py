@@ -40,14 +40,16 @@ ALONG = np.array([0.043, 0.0, -0.043, 0.012])
 """Where the pads are along the handle, from the middle finger toward the index [m]."""
 HELD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Orientation of the brush in the palm once it is straight: its handle along palm y, head at the index."""
-GRASP_AT = 0.004
+GRASP_AT = 0.010
 """Where along the handle the hand grips, from its centre toward the head [m]."""
 ROOM = 0.024
 """How far from the handle the open pads are [m]."""
 FOUR_FINGERS = 0.6
 """How often the middle finger takes part."""
-PRESS = 0.0015
+PRESS = 0.003
 """How deep the bristles are led into table and pan [m]."""
+SCRAPE = np.array([-0.6, 0.0, 0.7])
+"""Force of table and pan on the bristles that the hand braces for, palm frame while sweeping [N]."""
 STROKES = 4
 """After so many the operator gives up."""
 SWEEP_TO = -0.045
@@ -88,7 +90,7 @@ def demonstrate(env: BrushSweepEnv, rng: np.random.Generator) -> Iterator[Comman
     along, start = _next_stroke(env)
     yield from script.swing(*script.palm_for(held, *_brush_at(env, along, start, 0.06)), 24, ARM_START)
     yield from script.wait(lambda: hand.there, 20)
-    script.care = 0.12
+    script.care = 0.08
     for _ in range(STROKES):
         yield from _sweep(env, script, along, start)
         yield from script.hold(14)
@@ -103,11 +105,14 @@ def _sweep(env: BrushSweepEnv, script: Script, along: float, start: float) -> It
     """Lower the bristles behind the pieces and sweep them over the lip."""
     held = script.in_palm(*env.brush_pose)
     yield from script.glide(*script.palm_for(held, *_brush_at(env, along, start, -PRESS)), 10)
+    bristles = np.array([BRISTLE_END, 0.0, HEAD_CENTRE])
+    script.hand.brace(SCRAPE, bristles)
     steps = round((start - SWEEP_TO) / SWEEP_SPEED)
     for k in range(1, steps + 1):
         ahead = start + min_jerk(k / steps) * (SWEEP_TO - start)
         rise = np.clip((HEAD_HALF_SIZE[1] - ahead) / LIP_DEPTH, 0, 1)
         yield script.step(*script.palm_for(held, *_brush_at(env, along, ahead, rise * LIP_HEIGHT - PRESS)))
+    script.hand.brace(np.zeros(3), bristles)
 
 
 def _next_stroke(env: BrushSweepEnv) -> tuple[float, float]:
