@@ -26,11 +26,12 @@ ARM_START = (0.40, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2 + 0.40)
 """Arm at the start of an episode [rad]: the hand hovers behind the stand, palm down."""
 HANDLE_HALF_DEPTH, HANDLE_HALF_LENGTH = 0.008, 0.07
 """Half height and half length of the handle's bar [m]; its frame: z along it to the head, x up."""
-HEAD_HALF_SIZE = (0.008, 0.014, 0.04)
+HEAD_HALF_SIZE = (0.008, 0.012, 0.04)
 HEAD_CENTRE = 0.11
 """Centre of the head along the handle, from the handle's centre [m]."""
-BRISTLE_END = -0.055
-"""Where the bristles end in the brush's frame, along x [m]: the fingertips pass above pieces and pan."""
+BRISTLE_END, BRISTLE_HALF_DEPTH = -0.050, 0.008
+"""Where the bristles end in the brush's frame, along x, and half their depth along y [m]: the fingertips pass
+above pieces and pan."""
 PAN_HALF_WIDTH, PAN_DEPTH, PAN_HEIGHT = 0.075, 0.11, 0.02
 """The dustpan inside [m]; its frame: origin on the table in the middle of the lip, y out of it, z up."""
 LIP_DEPTH, LIP_HEIGHT = 0.02, 0.0025
@@ -43,7 +44,7 @@ SHARE = 0.8
 _HANDLE_SHARE = 0.6
 """Share of the mass in the handle, as the hammer's."""
 _STAND_HEIGHT, _PAN_FLOOR, _WALL = 0.012, 0.001, 0.002
-_SCRAPE_FRICTION, _SCRAPE_SOLREF = 0.8, (0.2, 1.0)
+_SCRAPE_SOLREF = (0.2, 1.0)
 """Bristles give way to table and pan by 4 mm per newton."""
 
 
@@ -55,6 +56,8 @@ class BrushEpisode:
     mass: float
     """Mass of the brush [kg]."""
     tip_friction: float
+    scrape_friction: float
+    """Of the bristles on table and pan."""
     stand: tuple[float, float, float]
     """Position x, y of the handle's centre and yaw: the handle points away from the robot at yaw 0."""
     brush_yaw: float
@@ -86,6 +89,7 @@ class BrushSweepEnv(HandEnv):
             handle_half_width=rng.uniform(0.009, 0.014),
             mass=rng.uniform(0.06, 0.12),
             tip_friction=rng.uniform(0.8, 1.2),
+            scrape_friction=rng.uniform(0.5, 0.8),
             stand=(rng.uniform(0.42, 0.45), rng.uniform(0.18, 0.21), rng.uniform(-0.4, 0.4)),
             brush_yaw=rng.normal(scale=0.02),
             pan=(rng.uniform(0.55, 0.59), rng.uniform(-0.18, -0.14), rng.uniform(-0.2, 0.2)),
@@ -176,6 +180,9 @@ def _add_stand(spec: mujoco.MjSpec, place: tuple[float, float, float]) -> None:
     )
     foot, rail = _STAND_HEIGHT / 2, (_STAND_HEIGHT - BRISTLE_END - HANDLE_HALF_DEPTH) / 2
     add_block(stand, "stand_foot", (0.04, 0.022, foot), (HEAD_CENTRE, 0, foot), brown)
+    for side in (-1, 1):
+        where = (HEAD_CENTRE, side * (BRISTLE_HALF_DEPTH + 0.003), foot + 0.004)
+        add_block(stand, f"stand_cheek{side}", (0.03, 0.002, foot + 0.004), where, brown)
     add_block(stand, "stand_rail", (0.005, 0.022, rail), (-0.063, 0, rail), brown)
 
 
@@ -206,7 +213,7 @@ def _add_brush(spec: mujoco.MjSpec, episode: BrushEpisode) -> None:
     parts = (
         ("handle", bar, (0, 0, 0), _HANDLE_SHARE, (0.85, 0.55, 0.2, 1)),
         ("head", HEAD_HALF_SIZE, (0, 0, HEAD_CENTRE), 0.5 - 0.5 * _HANDLE_SHARE, (0.75, 0.15, 0.15, 1)),
-        ("bristles", (half, *HEAD_HALF_SIZE[1:]), (top - half, 0, HEAD_CENTRE), 0.5 - 0.5 * _HANDLE_SHARE, (0.9, 0.85, 0.6, 1)),
+        ("bristles", (half, BRISTLE_HALF_DEPTH, HEAD_HALF_SIZE[2]), (top - half, 0, HEAD_CENTRE), 0.5 - 0.5 * _HANDLE_SHARE, (0.9, 0.85, 0.6, 1)),
     )
     geoms = {}
     for name, half_size, place, share, colour in parts:
@@ -216,4 +223,4 @@ def _add_brush(spec: mujoco.MjSpec, episode: BrushEpisode) -> None:
     geoms["bristles"].friction = (0.3, 0.005, 0.0001)  # With pieces.
     for ground in ("table", "pan_floor", "pan_lip"):
         pair = spec.add_pair(geomname1="brush_bristles", geomname2=ground, condim=3)
-        pair.friction[:2], pair.solref = _SCRAPE_FRICTION, _SCRAPE_SOLREF
+        pair.friction[:2], pair.solref = episode.scrape_friction, _SCRAPE_SOLREF

@@ -7,6 +7,7 @@ import numpy as np
 from lerobot_dexflex.envs.brush_sweep import (
     ARM_START,
     BRISTLE_END,
+    BRISTLE_HALF_DEPTH,
     HANDLE_HALF_DEPTH,
     HANDLE_HALF_LENGTH,
     HEAD_CENTRE,
@@ -46,14 +47,16 @@ ROOM = 0.024
 """How far from the handle the open pads are [m]."""
 FOUR_FINGERS = 0.6
 """How often the middle finger takes part."""
-PRESS = 0.003
+PRESS = 0.002
 """How deep the bristles are led into table and pan [m]."""
-SCRAPE = np.array([-0.6, 0.0, 0.7])
+SCRAPE = np.array([-0.5, 0.0, 0.7])
 """Force of table and pan on the bristles that the hand braces for, palm frame while sweeping [N]."""
 STROKES = 4
 """After so many the operator gives up."""
 SWEEP_TO = -0.045
 """Where a stroke ends, y in the pan's frame [m]."""
+RUN_UP = 0.025
+"""Before it the bristles come down in motion: from rest they would stick [m]."""
 SWEEP_SPEED = 0.006
 """Mean speed of a stroke [m] per control step."""
 REACH = HEAD_HALF_SIZE[2] - 0.007
@@ -102,16 +105,18 @@ def demonstrate(env: BrushSweepEnv, rng: np.random.Generator) -> Iterator[Comman
 
 
 def _sweep(env: BrushSweepEnv, script: Script, along: float, start: float) -> Iterator[Command]:
-    """Lower the bristles behind the pieces and sweep them over the lip."""
+    """Lower the bristles in motion behind the pieces and sweep them over the lip."""
     held = script.in_palm(*env.brush_pose)
-    yield from script.glide(*script.palm_for(held, *_brush_at(env, along, start, -PRESS)), 10)
+    yield from script.glide(*script.palm_for(held, *_brush_at(env, along, start + RUN_UP, 0.01)), 10)
     bristles = np.array([BRISTLE_END, 0.0, HEAD_CENTRE])
     script.hand.brace(SCRAPE, bristles)
-    steps = round((start - SWEEP_TO) / SWEEP_SPEED)
+    way = start + RUN_UP - SWEEP_TO
+    steps = round(way / SWEEP_SPEED)
     for k in range(1, steps + 1):
-        ahead = start + min_jerk(k / steps) * (SWEEP_TO - start)
-        rise = np.clip((HEAD_HALF_SIZE[1] - ahead) / LIP_DEPTH, 0, 1)
-        yield script.step(*script.palm_for(held, *_brush_at(env, along, ahead, rise * LIP_HEIGHT - PRESS)))
+        ahead = SWEEP_TO + (1 - min_jerk(k / steps)) * way
+        above = 0.01 * np.clip((ahead - start) / RUN_UP, 0, 1)
+        over_lip = LIP_HEIGHT * np.clip((BRISTLE_HALF_DEPTH - ahead) / LIP_DEPTH, 0, 1)
+        yield script.step(*script.palm_for(held, *_brush_at(env, along, ahead, above + over_lip - PRESS)))
     script.hand.brace(np.zeros(3), bristles)
 
 
@@ -123,7 +128,7 @@ def _next_stroke(env: BrushSweepEnv) -> tuple[float, float]:
     strokes = np.linspace(-widest, widest, 9)
     beside = np.abs(left[:, 0] - strokes[:, None])  # (strokes, pieces)
     taken = (beside < REACH).sum(1) - beside.mean(1)
-    return float(strokes[taken.argmax()]), float(left[:, 1].max() + HEAD_HALF_SIZE[1] + 0.02)
+    return float(strokes[taken.argmax()]), float(left[:, 1].max() + BRISTLE_HALF_DEPTH + 0.012)
 
 
 def _brush_at(env: BrushSweepEnv, along: float, ahead: float, height: float) -> Pose:
