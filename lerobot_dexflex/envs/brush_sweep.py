@@ -87,10 +87,10 @@ class BrushSweepEnv(HandEnv):
     def _sample_episode(self, rng: np.random.Generator) -> BrushEpisode:
         return BrushEpisode(
             handle_half_width=rng.uniform(0.009, 0.014),
-            mass=rng.uniform(0.06, 0.12),
+            mass=rng.uniform(0.05, 0.10),
             tip_friction=rng.uniform(0.8, 1.2),
             scrape_friction=rng.uniform(0.5, 0.8),
-            stand=(rng.uniform(0.42, 0.45), rng.uniform(0.18, 0.21), rng.uniform(-0.4, 0.4)),
+            stand=(rng.uniform(0.42, 0.45), rng.uniform(0.18, 0.21), rng.uniform(-0.3, 0.3)),
             brush_yaw=rng.normal(scale=0.02),
             pan=(rng.uniform(0.55, 0.59), rng.uniform(-0.18, -0.14), rng.uniform(-0.2, 0.2)),
             piece_radius=rng.uniform(0.004, 0.005),
