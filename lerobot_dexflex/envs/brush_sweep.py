@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.scene import (
-    ContactSurface,
     add_ball,
     add_block,
     add_camera,
@@ -43,9 +42,15 @@ SHARE = 0.8
 
 _HANDLE_SHARE = 0.6
 """Share of the mass in the handle, as the hammer's."""
+_LYING = 0.03
+"""A brush whose handle's centre is lower than this has been dropped [m]."""
 _STAND_HEIGHT, _PAN_FLOOR, _WALL = 0.012, 0.001, 0.002
-_SCRAPE_SOLREF = (0.2, 1.0)
-"""Bristles give way to table and pan by 4 mm per newton."""
+_HARD = 0.99
+"""Impedance of the pieces' contacts: a brush of 2 N does not press them into the table."""
+_SOFTNESS = 0.6
+"""Time constant of bristles on the ground per square root of the brush's mass [s/kg^.5]:
+all brushes give way
+alike, standing free by about 4 mm per newton."""
 
 
 @dataclass(frozen=True)
@@ -101,13 +106,14 @@ class BrushSweepEnv(HandEnv):
 
     def _build(self, episode: BrushEpisode) -> mujoco.MjSpec:
         spec, palm = robot_at_table(episode.tip_friction)
-        add_camera(spec, "front", position=(1.12, -0.42, 0.55), target=(0.50, -0.02, 0.04), fovy=40)
+        add_camera(spec, "front", position=(1.02, -0.36, 0.52), target=(0.48, -0.02, 0.05), fovy=44)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         _add_stand(spec, episode.stand)
         _add_pan(spec, episode.pan)
         _add_brush(spec, episode)
         for k in range(len(episode.pieces)):
-            add_ball(spec, f"ball{k}", episode.piece_radius, episode.piece_mass)
+            piece = add_ball(spec, f"ball{k}", episode.piece_radius, episode.piece_mass)
+            piece.priority, piece.solref, piece.solimp[:2] = 1, robot.TIP_SOLREF, _HARD
         return spec
 
     def _initialise(self, episode: BrushEpisode) -> None:
@@ -150,12 +156,12 @@ class BrushSweepEnv(HandEnv):
         local, resting = self.pieces_in_pan_frame()
         inside, enough = int(resting.sum()), SHARE * len(resting)
         self.memory["most_inside"] = max(self.memory.get("most_inside", 0), inside)
-        lying = self.brush_pose[0][2] < -0.5 * BRISTLE_END
+        lying = self.brush_pose[0][2] < _LYING
         lost = int((local[:, 2] < 0).sum())
         return {
             "is_success": has_settled(self.memory, holding and inside >= enough),
             "progress": self.memory["most_inside"] / len(resting),
-            "dropped": bool(lying or "floor" in touching or len(resting) - lost < enough),
+            "dropped": bool((lying and not holding) or "floor" in touching or len(resting) - lost < enough),
             "holding": holding,
             "pieces_in_pan": inside,
         }
@@ -191,17 +197,17 @@ def _add_pan(spec: mujoco.MjSpec, place: tuple[float, float, float]) -> None:
     x, y, yaw = place
     green, dark = (0.25, 0.65, 0.45, 1), (0.1, 0.4, 0.3, 1)
     pan = spec.worldbody.add_body(name="pan", pos=(x, y, 0), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)))
-    depth, floor, wall = PAN_DEPTH / 2, _PAN_FLOOR / 2, PAN_HEIGHT / 2
-    add_block(pan, "pan_floor", (PAN_HALF_WIDTH, depth - LIP_DEPTH / 2, floor), (0, -depth - LIP_DEPTH / 2, floor), green)
+    depth, height, width = PAN_DEPTH / 2, PAN_HEIGHT / 2, PAN_HALF_WIDTH + _WALL
+    floor, back = (0, -depth - LIP_DEPTH / 2, _PAN_FLOOR / 2), (0, -PAN_DEPTH - _WALL, height)
+    add_block(pan, "pan_floor", (PAN_HALF_WIDTH, depth - LIP_DEPTH / 2, _PAN_FLOOR / 2), floor, green)
     slope, half = np.arctan2(LIP_HEIGHT, LIP_DEPTH), np.hypot(LIP_HEIGHT, LIP_DEPTH) / 2
-    normal = np.array([0.0, np.sin(slope), np.cos(slope)])
-    middle = np.array([0.0, -LIP_DEPTH / 2, LIP_HEIGHT / 2]) - 0.0005 * normal
-    lip = add_block(pan, "pan_lip", (PAN_HALF_WIDTH, half, 0.0005), middle, green)
+    sheet = _PAN_FLOOR / 2 * np.array([0.0, np.sin(slope), np.cos(slope)])
+    middle = np.array([0.0, -LIP_DEPTH / 2, LIP_HEIGHT / 2]) - sheet
+    lip = add_block(pan, "pan_lip", (PAN_HALF_WIDTH, half, _PAN_FLOOR / 2), middle, green)
     lip.quat = (np.cos(slope / 2), -np.sin(slope / 2), 0, 0)
     for side in (-1, 1):
-        where = (side * (PAN_HALF_WIDTH + _WALL), -depth, wall)
-        add_block(pan, f"pan_side{side}", (_WALL, depth, wall), where, dark)
-    add_block(pan, "pan_back", (PAN_HALF_WIDTH + 2 * _WALL, _WALL, wall), (0, -PAN_DEPTH - _WALL, wall), dark)
+        add_block(pan, f"pan_side{side}", (_WALL, depth, height), (side * width, -depth, height), dark)
+    add_block(pan, "pan_back", (width + _WALL, _WALL, height), back, dark)
 
 
 def _add_brush(spec: mujoco.MjSpec, episode: BrushEpisode) -> None:
@@ -209,18 +215,15 @@ def _add_brush(spec: mujoco.MjSpec, episode: BrushEpisode) -> None:
     body = spec.worldbody.add_body(name="brush")
     body.add_freejoint(name="brush")
     bar = (HANDLE_HALF_DEPTH, episode.handle_half_width, HANDLE_HALF_LENGTH)
-    top, half = -HEAD_HALF_SIZE[0], (-BRISTLE_END - HEAD_HALF_SIZE[0]) / 2
-    parts = (
-        ("handle", bar, (0, 0, 0), _HANDLE_SHARE, (0.85, 0.55, 0.2, 1)),
-        ("head", HEAD_HALF_SIZE, (0, 0, HEAD_CENTRE), 0.5 - 0.5 * _HANDLE_SHARE, (0.75, 0.15, 0.15, 1)),
-        ("bristles", (half, BRISTLE_HALF_DEPTH, HEAD_HALF_SIZE[2]), (top - half, 0, HEAD_CENTRE), 0.5 - 0.5 * _HANDLE_SHARE, (0.9, 0.85, 0.6, 1)),
-    )
-    geoms = {}
-    for name, half_size, place, share, colour in parts:
-        geoms[name] = add_block(body, f"brush_{name}", half_size, place, colour)
-        geoms[name].mass = share * episode.mass
-        geoms[name].condim = 4
-    geoms["bristles"].friction = (0.3, 0.005, 0.0001)  # With pieces.
+    handle = add_block(body, "brush_handle", bar, (0, 0, 0), (0.85, 0.55, 0.2, 1))
+    head = add_block(body, "brush_head", HEAD_HALF_SIZE, (0, 0, HEAD_CENTRE), (0.75, 0.15, 0.15, 1))
+    half = (-BRISTLE_END - HEAD_HALF_SIZE[0]) / 2
+    block, middle = (half, BRISTLE_HALF_DEPTH, HEAD_HALF_SIZE[2]), (BRISTLE_END + half, 0, HEAD_CENTRE)
+    bristles = add_block(body, "brush_bristles", block, middle, (0.9, 0.85, 0.6, 1))
+    rest = (1 - _HANDLE_SHARE) / 2
+    for geom, share in ((handle, _HANDLE_SHARE), (head, rest), (bristles, rest)):
+        geom.mass, geom.condim = share * episode.mass, 4
     for ground in ("table", "pan_floor", "pan_lip"):
         pair = spec.add_pair(geomname1="brush_bristles", geomname2=ground, condim=3)
-        pair.friction[:2], pair.solref = episode.scrape_friction, _SCRAPE_SOLREF
+        pair.friction[:2] = episode.scrape_friction
+        pair.solref = (_SOFTNESS * np.sqrt(episode.mass), 1.0)

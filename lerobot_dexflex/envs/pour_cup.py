@@ -222,4 +222,3 @@ def _add_disc(body: mujoco.MjsBody, name: str, radius: float, rgba: Any) -> mujo
         rgba=rgba,
         **ContactSurface()._asdict(),
     )
-

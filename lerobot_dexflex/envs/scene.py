@@ -85,12 +85,12 @@ def add_block(body: mujoco.MjsBody, name: str, half_size: Any, position: Any, rg
     )
 
 
-def add_ball(spec: mujoco.MjSpec, name: str, radius: float, mass: float) -> None:
+def add_ball(spec: mujoco.MjSpec, name: str, radius: float, mass: float) -> mujoco.MjsGeom:
     """Add a free ball that soon stops rolling, radius [m] and mass [kg]."""
     ball = spec.worldbody.add_body(name=name)
     joint = ball.add_freejoint(name=name)
     joint.damping[0] = _BALL_DAMPING
-    ball.add_geom(
+    return ball.add_geom(
         name=name,
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
         size=(radius, 0, 0),
