@@ -49,7 +49,7 @@ FOUR_FINGERS = 0.6
 """How often the middle finger takes part."""
 PRESS = 0.002
 """How deep the bristles are led into table and pan [m]."""
-SCRAPE = np.array([-0.5, 0.0, 0.7])
+SCRAPE = np.array([-0.9, 0.0, 1.0])
 """Force of table and pan on the bristles that the hand braces for, palm frame while sweeping [N]."""
 STROKES = 4
 """After so many the operator gives up."""

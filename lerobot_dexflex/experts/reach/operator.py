@@ -94,7 +94,7 @@ class Operator:
         self.speed, self.preload, self.strength = SPEED, PRELOAD, strength
         self.friction_share = FRICTION_SHARE
         self.load = np.zeros(6)
-        """Force [N], torque [N m] that the world will exert at the object's position, palm frame. Shape (6,)."""
+        """Expected force [N] and torque [N m] of the world on the object, palm frame. Shape (6,)."""
         self.surface = senses.surface(_SURFACE_POINTS)
         now = senses.read()
         self.fingers = FingerStates(
