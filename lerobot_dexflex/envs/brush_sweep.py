@@ -29,8 +29,8 @@ HEAD_HALF_SIZE = (0.008, 0.012, 0.04)
 HEAD_CENTRE = 0.11
 """Centre of the head along the handle, from the handle's centre [m]."""
 BRISTLE_END, BRISTLE_HALF_DEPTH = -0.050, 0.008
-"""Where the bristles end in the brush's frame, along x, and half their depth along y [m]: the fingertips pass
-above pieces and pan."""
+"""Where the bristles end in the brush's frame, along x, and half their depth along y [m].
+Fingertips pass above the pan's walls."""
 PAN_HALF_WIDTH, PAN_DEPTH, PAN_HEIGHT = 0.075, 0.11, 0.02
 """The dustpan inside [m]; its frame: origin on the table in the middle of the lip, y out of it, z up."""
 LIP_DEPTH, LIP_HEIGHT = 0.02, 0.0025
@@ -49,8 +49,7 @@ _HARD = 0.99
 """Impedance of the pieces' contacts: a brush of 2 N does not press them into the table."""
 _SOFTNESS = 0.6
 """Time constant of bristles on the ground per square root of the brush's mass [s/kg^.5]:
-all brushes give way
-alike, standing free by about 4 mm per newton."""
+all brushes give way alike, about 4 mm per newton on a free one."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +79,9 @@ class BrushEpisode:
 
 class BrushSweepEnv(HandEnv):
     """Sweep the pieces into the dustpan; see `HandEnv` for observations and actions.
+
+    The block of bristles is rigid; its soft contact with table and pan, with friction, stands for bristles that
+    bend. The head is in front of the hand, so that scraping twists the grasp.
 
     Success: at least 80 % of the pieces rest in the pan while thumb and a finger hold the brush, for half a
     second. Progress is the largest share of the pieces that have rested in the pan so far.
