@@ -80,8 +80,8 @@ class BrushEpisode:
 class BrushSweepEnv(HandEnv):
     """Sweep the pieces into the dustpan; see `HandEnv` for observations and actions.
 
-    The block of bristles is rigid; its soft contact with table and pan, with friction, stands for bristles that
-    bend. The head is in front of the hand, so that scraping twists the grasp.
+    The block of bristles is rigid; its soft contact with table and pan stands for bristles that bend. The
+    head is in front of the hand, so that scraping twists the grasp.
 
     Success: at least 80 % of the pieces rest in the pan while thumb and a finger hold the brush, for half a
     second. Progress is the largest share of the pieces that have rested in the pan so far.
