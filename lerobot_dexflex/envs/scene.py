@@ -103,7 +103,7 @@ def add_ball(spec: mujoco.MjSpec, name: str, radius: float, mass: float) -> mujo
 def ball_states(data: mujoco.MjData, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return centres [m] (n, 3) and speeds [m/s] (n,) of the balls `ball0`, `ball1`, ... in the world."""
     positions = np.stack([data.body(f"ball{k}").xpos for k in range(n)])
-    return positions, np.array([np.linalg.norm(data.joint(f"ball{k}").qvel[:3]) for k in range(n)])
+    return positions, np.array([float(np.linalg.norm(data.joint(f"ball{k}").qvel[:3])) for k in range(n)])
 
 
 def add_camera(spec: mujoco.MjSpec, name: str, position: Vector3, target: Vector3, fovy: float) -> None:

@@ -96,7 +96,7 @@ def test_a_restored_snapshot_replays_bit_for_bit_also_in_another_environment(any
         assert same(wiggle(env, 8, seed=1), expected)
 
 
-@pytest.mark.parametrize("task", ["AssembleTable-v0", "PlaceHammer-v0", "PourCup-v0"])
+@pytest.mark.parametrize("task", ["AssembleTable-v0", "BrushSweep-v0", "PlaceHammer-v0", "PourCup-v0"])
 def test_doing_nothing_and_acting_at_random_never_succeed(task):
     env = make_env(task, cameras=())
     low, high = env.action_space.low, env.action_space.high  # pyright: ignore[reportAttributeAccessIssue]

@@ -93,7 +93,7 @@ class Operator:
         self.senses, self._rng = senses, rng
         self.speed, self.preload, self.strength = SPEED, PRELOAD, strength
         self.friction_share = FRICTION_SHARE
-        self.load = np.zeros(6)
+        self.load: Array = np.zeros(6)
         """Expected force [N] and torque [N m] of the world on the object, palm frame. Shape (6,)."""
         self.surface = senses.surface(_SURFACE_POINTS)
         now = senses.read()

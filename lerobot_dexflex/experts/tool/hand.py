@@ -98,7 +98,7 @@ class OperatorHand:
         """
         assert self.operator is not None
         arm = self.senses.read().rotation @ (point - self.senses.tool.centre)
-        self.operator.load = np.concatenate([force, np.cross(arm, force)])
+        self.operator.load[:3], self.operator.load[3:] = force, np.cross(arm, force)
 
     @property
     def gripped(self) -> bool:
