@@ -35,6 +35,12 @@ TASKS = {
         23,
         ("held", "lifted", "over the socket", "in the thread", "lit", "let go"),
     ),
+    "HammerNail-v0": TaskInfo(
+        "lerobot_dexflex.envs.hammer_nail:HammerNailEnv",
+        400,
+        "Pick up the hammer and drive the nail in.",
+        23,
+    ),
     "PlaceHammer-v0": TaskInfo(
         "lerobot_dexflex.envs.place_hammer:PlaceHammerEnv",
         300,
