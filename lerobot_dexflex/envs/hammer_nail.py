@@ -80,7 +80,7 @@ class HammerNailEnv(HandEnv):
             cradle=(rng.uniform(0.43, 0.47), rng.uniform(0.075, 0.125), rng.uniform(-0.4, 0.4)),
             hammer_yaw=rng.normal(scale=0.02),
             nail=(rng.uniform(0.53, 0.55), rng.uniform(-0.16, -0.12), rng.uniform(0.04, 0.06)),
-            nail_friction=rng.uniform(4.0, 7.0),
+            nail_friction=rng.uniform(6.0, 10.0),
             arm_noise=tuple(rng.normal(scale=0.03, size=len(robot.ARM_JOINTS))),
         )
 

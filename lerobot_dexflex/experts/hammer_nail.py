@@ -23,12 +23,14 @@ HELD = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """Orientation of the hammer in the palm once it is straight: its handle along palm y, its face down."""
 FACE = np.array([0.0, -HEAD_HALF_SIZE[1], HEAD_CENTRE])
 """Centre of the face that strikes, in the hammer's frame [m]."""
-RAISED = (0.11, 0.35)
+RAISED = (0.08, 0.30)
 """How high the face is raised over the nail [m], and how far the hammer is tipped back [rad]."""
 COCKED = 0.2
 """How far the fingers tip it back [rad]."""
-PACE = 0.045
-"""How fast the face is led down [m] per control step."""
+STROKE, LAG = 5, 2.0
+"""Control steps in which the face comes down, and by how many the arm lags behind."""
+AHEAD = 0.0
+BACK = 0.5
 STRIKE_PRELOAD = 2.0
 BLOWS = 12
 """After so many the operator gives up."""
@@ -79,14 +81,10 @@ def _blow(env: HammerNailEnv, script: Script, held: Pose) -> Iterator[Command]:
     yield from script.glide(*script.palm_for(held, *raised(env, 1.0)), 8)
     yield from script.wait(lambda: hand.there, 6)
     now = script.in_palm(*env.hammer_pose)
-    depth = env.nail_depth
-    share = 1.0
-    for _ in range(8):
-        share -= PACE / RAISED[0]
+    for k in range(1, STROKE + 1):
+        share = 1.0 - (1.0 + AHEAD) * k / (STROKE - LAG * (1 - np.exp(-STROKE / LAG)))
         yield script.step(*script.palm_for(now, *raised(env, share)))
-        if env.nail_depth > depth + 0.0005:
-            break
-    yield script.step(*script.palm_for(now, *raised(env, 0.3)))
+    yield script.step(*script.palm_for(now, *raised(env, BACK)))
 
 
 def raised(env: HammerNailEnv, share: float) -> Pose:
