@@ -75,12 +75,12 @@ class HammerNailEnv(HandEnv):
     def _sample_episode(self, rng: np.random.Generator) -> NailEpisode:
         return NailEpisode(
             handle_radius=rng.uniform(0.010, 0.015),
-            mass=rng.uniform(0.08, 0.16),
+            mass=rng.uniform(0.09, 0.16),
             tip_friction=rng.uniform(0.8, 1.2),
             cradle=(rng.uniform(0.43, 0.47), rng.uniform(0.075, 0.125), rng.uniform(-0.4, 0.4)),
             hammer_yaw=rng.normal(scale=0.02),
             nail=(rng.uniform(0.53, 0.55), rng.uniform(-0.16, -0.12), rng.uniform(0.04, 0.06)),
-            nail_friction=rng.uniform(6.0, 10.0),
+            nail_friction=rng.uniform(5.0, 8.0),
             arm_noise=tuple(rng.normal(scale=0.03, size=len(robot.ARM_JOINTS))),
         )
 

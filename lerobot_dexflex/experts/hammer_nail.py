@@ -23,15 +23,18 @@ HELD = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """Orientation of the hammer in the palm once it is straight: its handle along palm y, its face down."""
 FACE = np.array([0.0, -HEAD_HALF_SIZE[1], HEAD_CENTRE])
 """Centre of the face that strikes, in the hammer's frame [m]."""
-RAISED = (0.08, 0.30)
+RAISED = (0.10, 0.45)
 """How high the face is raised over the nail [m], and how far the hammer is tipped back [rad]."""
+FA,FB=(0,1,2,3),(0,2,3)
+UPS, WAIT = 8, 8
 COCKED = 0.2
 """How far the fingers tip it back [rad]."""
 STROKE, LAG = 5, 2.0
 """Control steps in which the face comes down, and by how many the arm lags behind."""
 AHEAD = 0.0
-BACK = 0.5
+BACK = 0.25
 STRIKE_PRELOAD = 2.0
+SLOPE = 0.5
 BLOWS = 12
 """After so many the operator gives up."""
 
@@ -51,7 +54,7 @@ def demonstrate(env: HammerNailEnv, rng: np.random.Generator) -> Iterator[Comman
     position, rotation = env.hammer_pose
     grasp_point = position + rotation @ np.array([0.0, 0.0, GRASP_AT])
     held = Pose(GRASP_CENTRE - GRASP_AT * HELD[:, 2], HELD)
-    fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 1, 3)
+    fingers = FA if rng.random() < FOUR_FINGERS else FB
     grip = grip_hammer(PALM_DOWN.T @ rotation[:, 2], episode.handle_radius, fingers)
 
     hand.go(grip.open, 20)
@@ -64,7 +67,7 @@ def demonstrate(env: HammerNailEnv, rng: np.random.Generator) -> Iterator[Comman
 
     script.care = 0.5
     yield from script.swing(*script.palm_for(held, *raised(env, 1.0)), 26, ARM_START)
-    hand.operator.preload = STRIKE_PRELOAD * margin
+    hand.operator.preload = STRIKE_PRELOAD + SLOPE * margin
     yield from script.wait(lambda: hand.there, 20)
     script.care = 0.15
     for _ in range(BLOWS):
@@ -78,8 +81,8 @@ def _blow(env: HammerNailEnv, script: Script, held: Pose) -> Iterator[Command]:
     """Raise the hammer, tipped back by arm and fingers, and strike; straighten it in the hand meanwhile."""
     hand = script.hand
     hand.lead(*held)
-    yield from script.glide(*script.palm_for(held, *raised(env, 1.0)), 8)
-    yield from script.wait(lambda: hand.there, 6)
+    yield from script.glide(*script.palm_for(held, *raised(env, 1.0)), UPS)
+    yield from script.wait(lambda: hand.there, WAIT)
     now = script.in_palm(*env.hammer_pose)
     for k in range(1, STROKE + 1):
         share = 1.0 - (1.0 + AHEAD) * k / (STROKE - LAG * (1 - np.exp(-STROKE / LAG)))
