@@ -8,7 +8,6 @@ import numpy as np
 
 from lerobot_dexflex.envs.hammer import (
     CRADLE_BROWN,
-    CRADLE_HEIGHT,
     HEAD_CENTRE,
     HEAD_HALF_SIZE,
     add_cradle,
@@ -63,10 +62,11 @@ class NailEpisode:
 class HammerNailEnv(HandEnv):
     """Drive the nail in with the hammer; see `HandEnv` for observations and actions.
 
-    The nail slides in the board against dry friction: what drives it is the momentum that a blow brings, since
-    the fingers cannot press so hard with the head at the handle's end.
-    Success: the nail is in to within 2 mm and thumb and a finger hold the hammer, for half a second.
-    Dropping the hammer on table or floor ends the episode.
+    The nail slides in the board against dry friction, more than fingertips can press with at the end of a
+    handle: it takes the momentum of blows, and every blow turns the hammer in the fingers and lets it slip.
+    Progress is the greatest depth so far.
+    Success: the nail is in to within 2 mm, and the hammer is held by thumb and a finger, off the palm, for
+    half a second. Dropping the hammer on table or floor ends the episode.
     """
 
     task = "HammerNail-v0"
@@ -86,12 +86,12 @@ class HammerNailEnv(HandEnv):
 
     def _build(self, episode: NailEpisode) -> mujoco.MjSpec:
         spec, palm = robot_at_table(episode.tip_friction)
-        add_camera(spec, "front", position=(1.08, -0.50, 0.50), target=(0.50, 0.0, 0.12), fovy=38)
+        add_camera(spec, "front", position=(1.08, -0.50, 0.50), target=(0.50, -0.02, 0.15), fovy=38)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         cradle = add_cradle(spec, episode.cradle, episode.handle_radius, HEAD_HALF_SIZE[1])
         for side in (-1, 1):
-            offset = side * (HEAD_HALF_SIZE[0] + 0.005)
-            add_block(cradle, f"cradle_cheek{side}", (0.014, 0.004, 0.015), (HEAD_CENTRE, offset, 0.015), CRADLE_BROWN)
+            place = (HEAD_CENTRE, side * (HEAD_HALF_SIZE[0] + 0.005), 0.015)
+            add_block(cradle, f"cradle_cheek{side}", (0.014, 0.004, 0.015), place, CRADLE_BROWN)
         _add_nail(spec, episode.nail, episode.nail_friction)
         add_hammer(spec, episode.handle_radius, episode.mass)
         return spec
@@ -120,10 +120,11 @@ class HammerNailEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "hammer")
         holding = pinched(touching)
+        by_palm = any(name.startswith("palm") for name in touching)
         share = self.nail_depth / (NAIL_DEPTH - TOLERANCE)
         self.memory["share"] = max(self.memory.get("share", 0.0), min(share, 1.0))
         return {
-            "is_success": has_settled(self.memory, share >= 1.0 and holding),
+            "is_success": has_settled(self.memory, share >= 1.0 and holding and not by_palm),
             "progress": self.memory["share"],
             "dropped": bool(touching & {"table", "floor"}),
             "holding": holding,

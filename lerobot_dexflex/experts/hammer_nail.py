@@ -5,14 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from lerobot_dexflex.envs.hammer import HANDLE_HALF_LENGTH, HEAD_CENTRE, HEAD_HALF_SIZE
-from lerobot_dexflex.envs.hammer_nail import ARM_START, NAIL_DEPTH, HammerNailEnv
-from lerobot_dexflex.experts.command import Array, Command
-from lerobot_dexflex.experts.place_hammer import (
-    FOUR_FINGERS,
-    GRASP_AT,
-    GRASP_CENTRE,
-    grip_hammer,
-)
+from lerobot_dexflex.envs.hammer_nail import ARM_START, NAIL_DEPTH, TOLERANCE, HammerNailEnv
+from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.experts.place_hammer import GRASP_AT, GRASP_CENTRE, grip_hammer
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
@@ -24,17 +19,16 @@ HELD = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 FACE = np.array([0.0, -HEAD_HALF_SIZE[1], HEAD_CENTRE])
 """Centre of the face that strikes, in the hammer's frame [m]."""
 RAISED = (0.10, 0.45)
-"""How high the face is raised over the nail [m], and how far the hammer is tipped back [rad]."""
-FA,FB=(0,1,2,3),(0,2,3)
-UPS, WAIT = 8, 8
-COCKED = 0.2
-"""How far the fingers tip it back [rad]."""
+"""How high the face is raised over the nail [m], and how far the arm tips the hammer back there [rad]."""
 STROKE, LAG = 5, 2.0
-"""Control steps in which the face comes down, and by how many the arm lags behind."""
-AHEAD = 0.0
-BACK = 0.25
-STRIKE_PRELOAD = 2.0
-SLOPE = 0.5
+"""Control steps in which the face comes down, and by how many the arm lags behind its command."""
+RETURN = 0.25
+"""Where the arm turns back to as the face lands, as a share of the way up: later, and the hand would follow
+through and twist the hammer; further, and the jerk would make it slip."""
+STRIKE_PRELOAD = (2.0, 0.5)
+"""Squeeze per finger that is wished for while striking [N], and more of it per unit of the margin."""
+FOUR_FINGERS = 0.6
+"""How often the middle finger takes part."""
 BLOWS = 12
 """After so many the operator gives up."""
 
@@ -54,7 +48,7 @@ def demonstrate(env: HammerNailEnv, rng: np.random.Generator) -> Iterator[Comman
     position, rotation = env.hammer_pose
     grasp_point = position + rotation @ np.array([0.0, 0.0, GRASP_AT])
     held = Pose(GRASP_CENTRE - GRASP_AT * HELD[:, 2], HELD)
-    fingers = FA if rng.random() < FOUR_FINGERS else FB
+    fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 2, 3)
     grip = grip_hammer(PALM_DOWN.T @ rotation[:, 2], episode.handle_radius, fingers)
 
     hand.go(grip.open, 20)
@@ -67,27 +61,30 @@ def demonstrate(env: HammerNailEnv, rng: np.random.Generator) -> Iterator[Comman
 
     script.care = 0.5
     yield from script.swing(*script.palm_for(held, *raised(env, 1.0)), 26, ARM_START)
-    hand.operator.preload = STRIKE_PRELOAD + SLOPE * margin
+    assert hand.operator is not None
+    hand.operator.preload = STRIKE_PRELOAD[0] + STRIKE_PRELOAD[1] * margin
     yield from script.wait(lambda: hand.there, 20)
     script.care = 0.15
     for _ in range(BLOWS):
-        yield from _blow(env, script, held)
-        if env.nail_depth > NAIL_DEPTH - 0.001:
+        yield from _strike(env, script, held)
+        if env.nail_depth > NAIL_DEPTH - TOLERANCE / 2:
             break
     yield from script.hold(20)
 
 
-def _blow(env: HammerNailEnv, script: Script, held: Pose) -> Iterator[Command]:
-    """Raise the hammer, tipped back by arm and fingers, and strike; straighten it in the hand meanwhile."""
-    hand = script.hand
-    hand.lead(*held)
-    yield from script.glide(*script.palm_for(held, *raised(env, 1.0)), UPS)
-    yield from script.wait(lambda: hand.there, WAIT)
+def _strike(env: HammerNailEnv, script: Script, held: Pose) -> Iterator[Command]:
+    """Raise the hammer, put it straight in the hand, and let the face land as the command turns back.
+
+    Where the command comes down steadily, the arm follows late by `LAG`: its pace is chosen so that the face
+    is at the nail at the end of the stroke, at about half a metre per second.
+    """
+    yield from script.glide(*script.palm_for(held, *raised(env, 1.0)), 8)
+    yield from script.wait(lambda: script.hand.there, 8)
     now = script.in_palm(*env.hammer_pose)
+    pace = 1.0 / (STROKE - LAG * (1.0 - np.exp(-STROKE / LAG)))
     for k in range(1, STROKE + 1):
-        share = 1.0 - (1.0 + AHEAD) * k / (STROKE - LAG * (1 - np.exp(-STROKE / LAG)))
-        yield script.step(*script.palm_for(now, *raised(env, share)))
-    yield script.step(*script.palm_for(now, *raised(env, BACK)))
+        yield script.step(*script.palm_for(now, *raised(env, 1.0 - k * pace)))
+    yield script.step(*script.palm_for(now, *raised(env, RETURN)))
 
 
 def raised(env: HammerNailEnv, share: float) -> Pose:
