@@ -76,7 +76,7 @@ def _strike(env: HammerNailEnv, script: Script, held: Pose) -> Iterator[Command]
     """Raise the hammer, put it straight in the hand, and let the face land as the command turns back.
 
     Where the command comes down steadily, the arm follows late by `LAG`: its pace is chosen so that the face
-    is at the nail at the end of the stroke, at about half a metre per second.
+    is at the nail at the end of the stroke, at about 0.7 m/s.
     """
     yield from script.glide(*script.palm_for(held, *raised(env, 1.0)), 8)
     yield from script.wait(lambda: script.hand.there, 8)
