@@ -2,10 +2,11 @@
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from lerobot_dexflex.envs.scene import ContactSurface, add_block
 
+ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
+"""Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
 HANDLE_HALF_LENGTH = 0.08
 HEAD_HALF_SIZE = (0.016, 0.04, 0.016)
 HEAD_CENTRE = 0.095
@@ -63,7 +64,7 @@ def add_cradle(
     return cradle
 
 
-def lay_hammer(data: mujoco.MjData, position: tuple[float, float], rotation: NDArray[np.float64]) -> None:
+def lay_hammer(data: mujoco.MjData, position: tuple[float, float], rotation: np.ndarray) -> None:
     """Lay the hammer at the height of its cradle.
 
     Args:
@@ -76,7 +77,7 @@ def lay_hammer(data: mujoco.MjData, position: tuple[float, float], rotation: NDA
     mujoco.mju_mat2Quat(pose[3:7], rotation.ravel())
 
 
-def hammer_pose(data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def hammer_pose(data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """Return position [m] (3,) and orientation (3, 3) of the handle's centre in the world."""
     body = data.body("hammer")
     return body.xpos.copy(), body.xmat.reshape(3, 3).copy()

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.envs.hammer import (
+    ARM_START,
     CRADLE_BROWN,
     HEAD_CENTRE,
     HEAD_HALF_SIZE,
@@ -28,8 +29,6 @@ from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_names, pinched
 
-ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
-"""Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
 NAIL_DEPTH, TOLERANCE = 0.030, 0.002
 """How far the nail stands out at first, and how far it may when it is in [m]."""
 NAIL_HEAD = (0.012, 0.0025)

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.envs.hammer import (
+    ARM_START,
     CRADLE_HEIGHT,
     HEAD_CENTRE,
     HEAD_HALF_SIZE,
@@ -27,8 +28,6 @@ from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_hand
 
-ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
-"""Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
 _PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.036, 0.010
 
 

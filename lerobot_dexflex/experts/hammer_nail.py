@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lerobot_dexflex.envs.hammer import HANDLE_HALF_LENGTH, HEAD_CENTRE, HEAD_HALF_SIZE
-from lerobot_dexflex.envs.hammer_nail import ARM_START, NAIL_DEPTH, TOLERANCE, HammerNailEnv
+from lerobot_dexflex.envs.hammer import ARM_START, HANDLE_HALF_LENGTH, HEAD_CENTRE, HEAD_HALF_SIZE
+from lerobot_dexflex.envs.hammer_nail import NAIL_DEPTH, TOLERANCE, HammerNailEnv
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.experts.place_hammer import GRASP_AT, GRASP_CENTRE, grip_hammer
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand

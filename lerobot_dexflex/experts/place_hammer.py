@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lerobot_dexflex.envs.hammer import HANDLE_HALF_LENGTH
-from lerobot_dexflex.envs.place_hammer import ARM_START, PlaceHammerEnv
+from lerobot_dexflex.envs.hammer import ARM_START, HANDLE_HALF_LENGTH
+from lerobot_dexflex.envs.place_hammer import PlaceHammerEnv
 from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
