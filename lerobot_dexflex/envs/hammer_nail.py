@@ -131,7 +131,10 @@ class HammerNailEnv(HandEnv):
 
 
 def _add_nail(spec: mujoco.MjSpec, position: tuple[float, float, float], friction: float) -> None:
-    """Add a board with a nail in its top, that slides down by `NAIL_DEPTH` against `friction` [N]."""
+    """Add a board with a nail in its top, that slides down by `NAIL_DEPTH` against `friction` [N].
+
+    Gravity does not act on it: MuJoCo's dry friction creeps under constant load (by micrometres per second).
+    """
     x, y, height = position
     board = spec.worldbody.add_body(name="board", pos=(x, y, 0))
     add_block(board, "board", (0.04, 0.04, height / 2), (0, 0, height / 2), (0.55, 0.38, 0.22, 1))
