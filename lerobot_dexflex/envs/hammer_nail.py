@@ -76,7 +76,7 @@ class HammerNailEnv(HandEnv):
             handle_radius=rng.uniform(0.010, 0.015),
             mass=rng.uniform(0.09, 0.16),
             tip_friction=rng.uniform(0.8, 1.2),
-            cradle=(rng.uniform(0.43, 0.47), rng.uniform(0.075, 0.125), rng.uniform(-0.4, 0.4)),
+            cradle=(rng.uniform(0.43, 0.47), rng.uniform(0.075, 0.125), rng.uniform(-0.3, 0.3)),
             hammer_yaw=rng.normal(scale=0.02),
             nail=(rng.uniform(0.53, 0.55), rng.uniform(-0.16, -0.12), rng.uniform(0.04, 0.06)),
             nail_friction=rng.uniform(5.0, 8.0),
