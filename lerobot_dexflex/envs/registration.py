@@ -41,6 +41,12 @@ TASKS = {
         "Pick up the brush and sweep the balls into the dustpan.",
         23,
     ),
+    "HammerNail-v0": TaskInfo(
+        "lerobot_dexflex.envs.hammer_nail:HammerNailEnv",
+        400,
+        "Pick up the hammer and drive the nail in.",
+        23,
+    ),
     "PlaceHammer-v0": TaskInfo(
         "lerobot_dexflex.envs.place_hammer:PlaceHammerEnv",
         300,
