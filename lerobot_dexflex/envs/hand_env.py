@@ -17,6 +17,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hand.contacts import contact_names, touched_by_hand
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor, add_touch
 
@@ -150,8 +151,7 @@ class HandEnv(gymnasium.Env):
         self._initialise(episode)
         mujoco.mj_forward(self.model, self.data)
         self._command = self.data.ctrl.copy()
-        info = self._update()
-        return self.observe(), info
+        return self.observe(), self._update() | {"contacts": self.contacts}
 
     def step(self, action: NDArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Run one control step of 50 ms; success and an unrecoverable drop end the episode.
@@ -160,7 +160,7 @@ class HandEnv(gymnasium.Env):
             DexFlexError: If the action has another shape or holds NaN or infinity; nothing is executed.
         """
         self.advance(action)
-        info = self._update()
+        info = self._update() | {"contacts": self.contacts}
         done = bool(info["is_success"] or info.get("dropped", False))
         return self.observe(), float(info["is_success"]), done, False, info
 
@@ -235,6 +235,13 @@ class HandEnv(gymnasium.Env):
     def pad_forces(self) -> NDArray[np.float64]:
         """True contact normal force on each fingertip [N]. Shape (4,)."""
         return self._touch.normal_forces(self.data)
+
+    @property
+    def contacts(self) -> NDArray[np.bool_]:
+        """Whether each fingertip, and anything but the hand, touches the manipulated body. Shape (5,)."""
+        names = contact_names(self.model, self.data, self.manipulated)
+        tips = [f"{finger}_ds" in names for finger in robot.FINGERS]
+        return np.array([*tips, any(not touched_by_hand({name}) for name in names)])
 
     def _load(self, episode: Any) -> None:
         self.episode = episode

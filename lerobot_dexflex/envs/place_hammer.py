@@ -6,9 +6,18 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from lerobot_dexflex.envs.hammer import (
+    ARM_START,
+    CRADLE_HEIGHT,
+    HEAD_CENTRE,
+    HEAD_HALF_SIZE,
+    add_cradle,
+    add_hammer,
+    hammer_pose,
+    lay_hammer,
+)
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.scene import (
-    ContactSurface,
     add_block,
     add_camera,
     add_wrist_camera,
@@ -19,16 +28,6 @@ from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_hand
 
-ARM_START = (0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2)
-"""Arm at the start of an episode [rad]: the hand hovers behind the cradle, palm down."""
-HANDLE_HALF_LENGTH = 0.08
-HEAD_HALF_SIZE = (0.016, 0.04, 0.016)
-HEAD_CENTRE = 0.095
-"""Centre of the head along the handle axis, from the handle's centre [m]."""
-CRADLE_HEIGHT = 0.05
-"""Height of the handle axis in the cradle above the table [m]: room for the fingertips below it."""
-_HANDLE_SHARE = 0.6
-"""Share of the mass in the handle: less, and the hand could not carry the torque."""
 _PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.036, 0.010
 
 
@@ -76,9 +75,9 @@ class PlaceHammerEnv(HandEnv):
         spec, palm = robot_at_table(episode.tip_friction)
         add_camera(spec, "front", position=(1.08, -0.50, 0.62), target=(0.56, 0.0, 0.19), fovy=40)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
-        _add_cradle(spec, episode)
+        add_cradle(spec, episode.cradle, episode.handle_radius, HEAD_HALF_SIZE[0])
         _add_holder(spec, episode.holder)
-        _add_hammer(spec, episode)
+        add_hammer(spec, episode.handle_radius, episode.mass)
         return spec
 
     def _initialise(self, episode: HammerEpisode) -> None:
@@ -86,15 +85,12 @@ class PlaceHammerEnv(HandEnv):
         yaw = episode.cradle[2] + episode.hammer_yaw
         handle = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         rotation = np.stack([np.array([0.0, 0.0, 1.0]), np.cross(handle, [0.0, 0.0, 1.0]), handle], 1)
-        pose = self.data.joint("hammer").qpos
-        pose[:3] = (*episode.cradle[:2], CRADLE_HEIGHT + 0.0005)
-        mujoco.mju_mat2Quat(pose[3:7], rotation.ravel())
+        lay_hammer(self.data, episode.cradle[:2], rotation)
 
     @property
     def hammer_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Position [m] (3,) and orientation (3, 3) of the handle's centre in the world; privileged."""
-        body = self.data.body("hammer")
-        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
+        return hammer_pose(self.data)
 
     @property
     def goal_position(self) -> np.ndarray:
@@ -131,19 +127,6 @@ class PlaceHammerEnv(HandEnv):
         }
 
 
-def _add_cradle(spec: mujoco.MjSpec, episode: HammerEpisode) -> None:
-    """Add a block under the head, which fixes the hammer's roll, and a rail under the handle's end."""
-    x, y, yaw = episode.cradle
-    brown = (0.45, 0.3, 0.18, 1)
-    cradle = spec.worldbody.add_body(
-        name="cradle", pos=(x, y, 0), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
-    )
-    block = (CRADLE_HEIGHT - HEAD_HALF_SIZE[0]) / 2
-    rail = (CRADLE_HEIGHT - episode.handle_radius) / 2
-    add_block(cradle, "cradle_head", (0.014, 0.03, block), (HEAD_CENTRE, 0, block), brown)
-    add_block(cradle, "cradle_tail", (0.005, 0.02, rail), (-0.073, 0, rail), brown)
-
-
 def _add_holder(spec: mujoco.MjSpec, position: tuple[float, float, float]) -> None:
     """Add two prongs that carry the head, a back plate and a post."""
     holder = spec.worldbody.add_body(name="holder", pos=position)
@@ -154,26 +137,3 @@ def _add_holder(spec: mujoco.MjSpec, position: tuple[float, float, float]) -> No
     add_block(holder, "holder_back", (0.006, 0.05, 0.03), (0.036, 0, -0.006), blue)
     half_height = position[2] / 2 - 0.01
     add_block(holder, "holder_post", (0.01, 0.01, half_height), (0.05, 0, -position[2] / 2), blue)
-
-
-def _add_hammer(spec: mujoco.MjSpec, episode: HammerEpisode) -> None:
-    surface = ContactSurface(condim=4)._asdict()
-    body = spec.worldbody.add_body(name="hammer")
-    body.add_freejoint(name="hammer")
-    body.add_geom(
-        name="hammer_handle",
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=(episode.handle_radius, HANDLE_HALF_LENGTH, 0),
-        mass=_HANDLE_SHARE * episode.mass,
-        rgba=(0.85, 0.55, 0.2, 1),
-        **surface,
-    )
-    body.add_geom(
-        name="hammer_head",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=HEAD_HALF_SIZE,
-        pos=(0, 0, HEAD_CENTRE),
-        mass=(1 - _HANDLE_SHARE) * episode.mass,
-        rgba=(0.75, 0.15, 0.15, 1),
-        **surface,
-    )

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.scene import (
     ContactSurface,
+    add_ball,
     add_block,
     add_camera,
     add_wrist_camera,
+    ball_states,
     place_robot,
     robot_at_table,
 )
@@ -37,8 +39,6 @@ _WALL = 0.003
 _WALLS, _BOWL_WALLS, _BOWL_FLARE = 12, 16, 0.45
 _HANDLE_SHARE = 0.3
 """Share of the pitcher's mass in the handle."""
-_BALL_DAMPING = 5e-7
-"""Rolling resistance [N m s/rad]: a rolling ball loses its speed in about 0.2 s."""
 _PER_LAYER = 6
 _SETTLE_STEPS = 300
 """Physics steps in which the balls come to rest before the episode."""
@@ -97,7 +97,7 @@ class PourCupEnv(HandEnv):
         _add_bowl(spec, episode.bowl)
         _add_pitcher(spec, episode.mass, episode.handle_half_width)
         for k in range(episode.balls):
-            _add_ball(spec, f"ball{k}", episode.ball_mass)
+            add_ball(spec, f"ball{k}", BALL_RADIUS, episode.ball_mass)
         return spec
 
     def _initialise(self, episode: PourEpisode) -> None:
@@ -123,7 +123,7 @@ class PourCupEnv(HandEnv):
     @property
     def ball_positions(self) -> NDArray[np.float64]:
         """Centres of the balls in the world [m], shape (balls, 3); privileged."""
-        return np.stack([self.data.body(f"ball{k}").xpos for k in range(self.episode.balls)])
+        return ball_states(self.data, self.episode.balls)[0]
 
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "pitcher")
@@ -155,15 +155,14 @@ class PourCupEnv(HandEnv):
 
     def _count_balls(self) -> tuple[int, int]:
         """Return how many balls rest in the bowl, and how many lie on the table or below."""
-        balls = self.ball_positions
+        balls, speeds = ball_states(self.data, self.episode.balls)
         position, rotation = self.pitcher_pose
         from_bowl = np.linalg.norm(balls[:, :2] - self.episode.bowl, axis=1)
         in_bowl = (from_bowl < BOWL_RADIUS) & (balls[:, 2] < BOWL_HEIGHT)
-        speeds = [np.linalg.norm(self.data.joint(f"ball{k}").qvel[:3]) for k in range(len(balls))]
         local = (balls - position) @ rotation
         in_pitcher = (np.linalg.norm(local[:, :2], axis=1) < PITCHER_RADIUS) & (local[:, 2] > 0)
         lost = ~in_bowl & ~in_pitcher & (balls[:, 2] < 2 * BALL_RADIUS)
-        return int((in_bowl & (np.array(speeds) < 0.1)).sum()), int(lost.sum())
+        return int((in_bowl & (speeds < 0.1)).sum()), int(lost.sum())
 
 
 def _add_bowl(spec: mujoco.MjSpec, position: tuple[float, float]) -> None:
@@ -222,18 +221,4 @@ def _add_disc(body: mujoco.MjsBody, name: str, radius: float, rgba: Any) -> mujo
         pos=(0, 0, _WALL),
         rgba=rgba,
         **ContactSurface()._asdict(),
-    )
-
-
-def _add_ball(spec: mujoco.MjSpec, name: str, mass: float) -> None:
-    ball = spec.worldbody.add_body(name=name)
-    joint = ball.add_freejoint(name=name)
-    joint.damping[0] = _BALL_DAMPING
-    ball.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=(BALL_RADIUS, 0, 0),
-        mass=mass,
-        rgba=(0.95, 0.25, 0.15, 1),
-        **ContactSurface(friction=(0.3, 0.001, 0.0001))._asdict(),
     )

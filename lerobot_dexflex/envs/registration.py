@@ -35,6 +35,18 @@ TASKS = {
         23,
         ("held", "lifted", "over the socket", "in the thread", "lit", "let go"),
     ),
+    "BrushSweep-v0": TaskInfo(
+        "lerobot_dexflex.envs.brush_sweep:BrushSweepEnv",
+        400,
+        "Pick up the brush and sweep the balls into the dustpan.",
+        23,
+    ),
+    "HammerNail-v0": TaskInfo(
+        "lerobot_dexflex.envs.hammer_nail:HammerNailEnv",
+        400,
+        "Pick up the hammer and drive the nail in.",
+        23,
+    ),
     "PlaceHammer-v0": TaskInfo(
         "lerobot_dexflex.envs.place_hammer:PlaceHammerEnv",
         300,

@@ -4,11 +4,14 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.envs.rendering import add_lights, tune_visuals
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.body import Vector3
+
+_BALL_DAMPING = 5e-7
+"""Rolling resistance [N m s/rad]: a ball of 15 mm and 1.5 g loses its speed in about 0.2 s."""
 
 
 class ContactSurface(NamedTuple):
@@ -80,6 +83,27 @@ def add_block(body: mujoco.MjsBody, name: str, half_size: Any, position: Any, rg
         rgba=rgba,
         **ContactSurface()._asdict(),
     )
+
+
+def add_ball(spec: mujoco.MjSpec, name: str, radius: float, mass: float) -> mujoco.MjsGeom:
+    """Add a free ball that soon stops rolling, radius [m] and mass [kg]."""
+    ball = spec.worldbody.add_body(name=name)
+    joint = ball.add_freejoint(name=name)
+    joint.damping[0] = _BALL_DAMPING
+    return ball.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=(radius, 0, 0),
+        mass=mass,
+        rgba=(0.95, 0.25, 0.15, 1),
+        **ContactSurface(friction=(0.3, 0.001, 0.0001))._asdict(),
+    )
+
+
+def ball_states(data: mujoco.MjData, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return centres [m] (n, 3) and speeds [m/s] (n,) of the balls `ball0`, `ball1`, ... in the world."""
+    positions = np.stack([data.body(f"ball{k}").xpos for k in range(n)])
+    return positions, np.array([float(np.linalg.norm(data.joint(f"ball{k}").qvel[:3])) for k in range(n)])
 
 
 def add_camera(spec: mujoco.MjSpec, name: str, position: Vector3, target: Vector3, fovy: float) -> None:

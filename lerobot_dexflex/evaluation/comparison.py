@@ -124,15 +124,21 @@ class Comparison:
         """Return the film of an episode; `name` is the method's in the table, or says what else it shows."""
         return self.output / "videos" / task / condition / f"{seed}_{_file_name(name)}.mp4"
 
+    def trace(self, task: str, condition: str, seed: int, name: str) -> Path:
+        """Return what is kept of a filmed episode's interventions; see `TraceFile`."""
+        return self.film(task, condition, seed, name).with_suffix(".npy")
+
     def _watchers(self, job: Job, seed: int) -> list[Watcher]:
         from lerobot_dexflex.evaluation.report.film import Film
+        from lerobot_dexflex.evaluation.report.interventions import TraceFile
         from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 
-        film = Film(self.film(job.task, job.condition, seed, job.method))
+        where = (job.task, job.condition, seed, job.method)
+        seen: list[Watcher] = [Film(self.film(*where)), TraceFile(self.trace(*where))]
         if not self.rerun:
-            return [film]
+            return seen
         path = self.output / "rerun" / job.task / job.condition / f"{seed}_{_file_name(job.method)}.rrd"
-        return [film, RerunLog(path, job.method, seed)]
+        return [*seen, RerunLog(path, job.method, seed)]
 
 
 def compare(comparison: Comparison, workers: int = 2, quiet: bool = False) -> pd.DataFrame:

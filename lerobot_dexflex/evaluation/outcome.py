@@ -1,16 +1,21 @@
 """What is kept of an episode: the columns of its row."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_dexflex.evaluation.events import Flags, around, contact_events
 from lerobot_dexflex.runs.table import Row
 
 _EPSILON = 1e-6
 """Regularises the relative size of an intervention where the draft stands still [m]."""
-COLUMNS = ("success", "steps", "seconds", "progress", "progress_final", "drops", "holding", "intervention")
+COLUMNS = (
+    *("success", "steps", "seconds", "progress", "progress_final", "drops", "holding"),
+    *("intervention", "intervention_event", "intervention_calm", "change_event", "change_calm"),
+)
 """What an episode leaves in the table; see `Outcome`."""
 
 
@@ -30,6 +35,10 @@ class Motion(NamedTuple):
         """Return ||selected - draft|| / (||draft|| + 1 um) of one episode's step."""
         difference = np.linalg.norm(self.selected - self.draft)
         return float(difference / (np.linalg.norm(self.draft) + _EPSILON))
+
+    def change(self) -> float:
+        """Return the mean ||selected - draft|| of the fingertips in one episode's step [mm]."""
+        return float(1e3 * np.linalg.norm(self.selected - self.draft, axis=-1).mean())
 
 
 class Ended(Protocol):
@@ -78,6 +87,13 @@ class Outcome:
     """Fraction of steps with the object held; None if the task does not report it."""
     intervention: float | None
     """Mean relative size of the interface's changes to the draft; None where there is no draft."""
+    intervention_event: float | None
+    """The mean around contact events, see `events.around`; None without a draft or any event."""
+    intervention_calm: float | None
+    """The mean over all other steps with the object in hand; None without a draft or any such step."""
+    change_event: float | None
+    """The same of how far the fingertips are sent elsewhere [mm]: it does not grow where the draft rests."""
+    change_calm: float | None
 
     @property
     def ending(self) -> str:
@@ -116,8 +132,9 @@ class Recorder:
         self._progress = [float(info["progress"])]
         self._drops = 0 if "dropped" in info else None
         self._was_dropped = bool(info.get("dropped", False))
-        self._held = 0 if "holding" in info else None
-        self._magnitudes: list[float] = []
+        self._held: list[bool] | None = [] if "holding" in info else None
+        self._contacts = [info["contacts"]] if "contacts" in info else None
+        self._motions: list[Motion | None] = []
 
     def add(self, info: dict[str, Any], motion: Motion | None) -> None:
         """Add a control step."""
@@ -128,12 +145,16 @@ class Recorder:
             self._drops += bool(info["dropped"]) and not self._was_dropped
             self._was_dropped = bool(info["dropped"])
         if self._held is not None:
-            self._held += bool(info["holding"])
-        if motion is not None:
-            self._magnitudes.append(motion.magnitude())
+            self._held.append(bool(info["holding"]))
+        if self._contacts is not None:
+            self._contacts.append(info["contacts"])
+        self._motions.append(motion)
 
     def outcome(self, interface: str, episode: int) -> Outcome:
         """Return the result of the finished episode, rounded to what is worth keeping."""
+        sizes = _each(Motion.magnitude, self._motions)
+        changes = _each(Motion.change, self._motions)
+        event, calm = self._when()
         return Outcome(
             interface=interface,
             episode=episode,
@@ -143,6 +164,28 @@ class Recorder:
             progress=round(max(self._progress), 4),
             progress_final=round(self._progress[-1], 4),
             drops=self._drops,
-            holding=None if self._held is None else round(self._held / max(self.steps, 1), 4),
-            intervention=round(float(np.mean(self._magnitudes)), 4) if self._magnitudes else None,
+            holding=None if self._held is None else round(sum(self._held) / max(self.steps, 1), 4),
+            intervention=_mean(sizes),
+            intervention_event=_mean(sizes, event),
+            intervention_calm=_mean(sizes, calm),
+            change_event=_mean(changes, event),
+            change_calm=_mean(changes, calm),
         )
+
+    def _when(self) -> tuple[Flags, Flags]:
+        """Return which steps are around contact events, and which others have the object in hand."""
+        if self._contacts is None or self._held is None:
+            return np.zeros(self.steps, bool), np.zeros(self.steps, bool)
+        near = around(contact_events(np.array(self._contacts)))
+        return near, ~near & np.array(self._held, bool)
+
+
+def _each(measure: Callable[[Motion], float], motions: Sequence[Motion | None]) -> NDArray[np.float64]:
+    return np.array([np.nan if motion is None else measure(motion) for motion in motions])
+
+
+def _mean(values: NDArray[np.float64], steps: Flags | None = None) -> float | None:
+    """Return the mean over all or some steps with a motion; None where there is none."""
+    chosen = values if steps is None else values[steps]
+    chosen = chosen[np.isfinite(chosen)]
+    return round(float(chosen.mean()), 4) if chosen.size else None

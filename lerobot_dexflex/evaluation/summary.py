@@ -19,6 +19,7 @@ from lerobot_dexflex.runs.statistics import (
     mean_interval,
     paired_e_value,
     paired_test,
+    ratio_interval,
     success_rate,
 )
 
@@ -72,6 +73,14 @@ class Summary:
         if metric == "completion_time":
             episodes, metric = episodes.loc[episodes["success"].astype(bool)], "seconds"
         return mean_interval(episodes[metric].dropna().astype(float).tolist())
+
+    def ratio(self, method: str, first: str, second: str) -> Mean | None:
+        """Return the ratio of two columns' means, over the episodes of a method for which both are known."""
+        episodes = self.of(method)
+        if not {first, second} <= set(episodes):
+            return None
+        both = episodes[[first, second]].dropna().astype(float)
+        return ratio_interval(both[first].tolist(), both[second].tolist())
 
     def progress_gain(self, test: PairTest) -> Mean | None:
         """Return the mean of second - first over the episodes that both have run."""

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lerobot_dexflex.envs.place_hammer import ARM_START, HANDLE_HALF_LENGTH, PlaceHammerEnv
+from lerobot_dexflex.envs.hammer import ARM_START, HANDLE_HALF_LENGTH
+from lerobot_dexflex.envs.place_hammer import PlaceHammerEnv
 from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
@@ -57,7 +58,7 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
     held = Pose(GRASP_CENTRE - GRASP_AT * HELD[:, 2], HELD)
     askew = PALM_DOWN.T @ rotation[:, 2]
     fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 1, 3)
-    grip = _grip(askew, episode.handle_radius, fingers)
+    grip = grip_hammer(askew, episode.handle_radius, fingers)
 
     hand.go(grip.open, 20)
     yield from script.swing(grasp_point + np.array([0, 0, 0.08]), PALM_DOWN, 22, ARM_START)
@@ -81,14 +82,14 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
     yield from script.glide(*palm_for(goal + np.array([-0.11, 0, 0.012])), 6)
     yield from script.glide(*palm_for(goal + np.array([-0.002, 0, 0.010])), 22)
     yield from script.glide(*palm_for(goal + np.array([-0.002, 0, -0.001])), 11)
-    straight = _grip(np.array([0.0, 1.0, 0.0]), episode.handle_radius, fingers)
+    straight = grip_hammer(np.array([0.0, 1.0, 0.0]), episode.handle_radius, fingers)
     yield from script.let_go(straight, 9)
     hand.relax(25, after=5)
     yield from script.glide(script.position + 0.13 * script.rotation[:, 2], script.rotation, 17)
     yield from script.hold(15)
 
 
-def _grip(axis: Array, radius: float, fingers: tuple[int, ...]) -> Grip:
+def grip_hammer(axis: Array, radius: float, fingers: tuple[int, ...]) -> Grip:
     """Return the grip of a handle whose axis in the palm frame is (3,), its radius [m]."""
     handle = Handle(GRASP_CENTRE, axis, radius)
     return grip_handle(handle, ALONG, np.array([-1.0, 0, 0]), fingers, HAND_TOUCH, HAND_IDLE, ROOM)

@@ -109,3 +109,13 @@ register(
         },
     ),
 )
+register(
+    "filter",
+    InterfaceEntry(
+        f"{_HERE}.filter",
+        "FilterInterface",
+        "draft",
+        main_option="share",
+        options={"share": NUMBER, "limit": NUMBER},
+    ),
+)

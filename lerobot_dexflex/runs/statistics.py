@@ -91,6 +91,26 @@ def mean_interval(values: Sequence[float], seed: int = 0) -> Mean | None:
     return Mean(mean, (float(low), float(high)), len(values))
 
 
+def ratio_interval(first: Sequence[float], second: Sequence[float], seed: int = 0) -> Mean | None:
+    """Return the ratio of two means, the interval from resampling pairs; None where it is undefined.
+
+    Args:
+        first: One number per episode.
+        second: Of the same episodes.
+        seed: Seed of the resampling.
+    """
+    if len(first) == 0 or np.mean(second) == 0:
+        return None
+    ratio = float(np.mean(first) / np.mean(second))
+    pairs = np.column_stack([first, second]).astype(float)
+    sums = _shares(np.random.default_rng(seed), len(pairs)) @ pairs
+    found = sums[sums[:, 1] > 0]
+    if len(pairs) < 2 or len(found) < len(sums):
+        return Mean(ratio, None, len(pairs))
+    low, high = np.percentile(found[:, 0] / found[:, 1], [50 * SIGNIFICANT, 100 - 50 * SIGNIFICANT])
+    return Mean(ratio, (float(low), float(high)), len(pairs))
+
+
 def two_level_interval(groups: Sequence[NDArray[np.float64]], seed: int = 0) -> Mean:
     """Return the average of the groups' means, its interval from resampling trainings and then episodes.
 

@@ -1,10 +1,9 @@
 """Lead a robot's fingertips with a human's: a similarity transform, found from one open hand."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
@@ -36,35 +35,6 @@ class Retargeting:
     def __call__(self, tips: Array) -> Array:
         """Return fingertips in the palm frame [m], of those in the wrist frame [m]; both of shape (4, 3)."""
         return self.scale * _stretched(tips, self.thumb_scale) @ self.rotation.T + self.offset
-
-
-class TipTargets(NamedTuple):
-    """Where fingertips are led."""
-
-    tips: Array
-    """In the palm frame, in the order of `FINGER_NAMES` [m]. Shape (4, 3)."""
-    tracked: NDArray[np.bool_]
-    """Whether each was seen now; one that was not stays. Shape (4,)."""
-
-
-class Retargeter:
-    """Leads fingertips, record by record; one that is lost keeps its last target.
-
-    Args:
-        retargeting: Of this person and this robot.
-        start: Where the robot's fingertips are, palm frame [m]: the targets of fingers not yet seen. Shape
-            (4, 3).
-    """
-
-    def __init__(self, retargeting: Retargeting, start: ArrayLike) -> None:
-        self._retargeting, self._tips = retargeting, np.array(start, float).reshape(4, 3)
-
-    def targets(self, record: Record) -> TipTargets:
-        """Return where to lead the fingertips now."""
-        tracked = record.tracked[ROBOT_TIPS]
-        moved = self._retargeting(record.keypoints[ROBOT_TIPS])
-        self._tips = np.where(tracked[:, None], moved, self._tips)
-        return TipTargets(self._tips.copy(), tracked)
 
 
 def calibrate(record: Record, thumb_scale: float = 1.0, joints: ArrayLike = OPEN_HAND) -> Retargeting:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from lerobot_dexflex.streams.record import Array, Record
-from lerobot_dexflex.streams.retarget import Retargeter, Retargeting
+from lerobot_dexflex.streams.record import ROBOT_TIPS, Array, Record
+from lerobot_dexflex.streams.retarget import Retargeting
 
 RETURN_SPEED = 0.15
 """With which a finger's target goes back to the person's finger [m/s], beside that finger's own motion."""
@@ -21,7 +21,7 @@ class FingerLead:
     """
 
     def __init__(self, retargeting: Retargeting, tips: Array) -> None:
-        self._retargeter = Retargeter(retargeting, tips)
+        self._retargeting = retargeting
         self.begin(tips)
 
     def begin(self, tips: Array) -> None:
@@ -42,7 +42,7 @@ class FingerLead:
             record: The newest, even if it is the same as before.
             dt: Time since the last call [s].
         """
-        wish, tracked = self._retargeter.targets(record)
+        wish, tracked = self._retargeting(record.keypoints[ROBOT_TIPS]), record.tracked[ROBOT_TIPS]
         back = tracked & ~self._led
         gap = np.where(back[:, None], self.targets - wish, self._gap)
         far = np.linalg.norm(gap, axis=1, keepdims=True)

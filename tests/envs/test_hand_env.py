@@ -13,7 +13,14 @@ from lerobot_dexflex.hand.model import HAND_RELAXED
 from lerobot_dexflex.hand.touch import TouchConfig
 
 SEED = 7
-MAX_STEPS = {"AssembleTable-v0": 500, "PlaceHammer-v0": 300, "PourCup-v0": 400, "Reach-v0": 200}
+MAX_STEPS = {
+    "AssembleTable-v0": 500,
+    "BrushSweep-v0": 400,
+    "HammerNail-v0": 400,
+    "PlaceHammer-v0": 300,
+    "PourCup-v0": 400,
+    "Reach-v0": 200,
+}
 
 
 @pytest.fixture(scope="module", params=TASKS)
@@ -49,6 +56,8 @@ def test_the_same_seed_gives_the_same_episode_and_another_one_another(any_env):
 
 RANGES = {
     "AssembleTable-v0": {"mass": (0.03, 0.07), "leg_radius": (0.0115, 0.015), "tip_friction": (0.8, 1.2)},
+    "BrushSweep-v0": {"mass": (0.05, 0.10), "handle_half_width": (0.009, 0.014), "tip_friction": (0.8, 1.2)},
+    "HammerNail-v0": {"mass": (0.09, 0.16), "nail_friction": (5.0, 8.0), "tip_friction": (0.8, 1.2)},
     "PlaceHammer-v0": {"mass": (0.06, 0.16), "handle_radius": (0.010, 0.015), "tip_friction": (0.8, 1.2)},
     "PourCup-v0": {"mass": (0.05, 0.10), "handle_half_width": (0.008, 0.013), "tip_friction": (0.8, 1.2)},
 }
@@ -89,7 +98,9 @@ def test_a_restored_snapshot_replays_bit_for_bit_also_in_another_environment(any
         assert same(wiggle(env, 8, seed=1), expected)
 
 
-@pytest.mark.parametrize("task", ["AssembleTable-v0", "PlaceHammer-v0", "PourCup-v0"])
+@pytest.mark.parametrize(
+    "task", ["AssembleTable-v0", "BrushSweep-v0", "HammerNail-v0", "PlaceHammer-v0", "PourCup-v0"]
+)
 def test_doing_nothing_and_acting_at_random_never_succeed(task):
     env = make_env(task, cameras=())
     low, high = env.action_space.low, env.action_space.high  # pyright: ignore[reportAttributeAccessIssue]

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from lerobot_dexflex.envs.place_hammer import HEAD_CENTRE, PlaceHammerEnv
+from lerobot_dexflex.envs.hammer import HEAD_CENTRE
+from lerobot_dexflex.envs.place_hammer import PlaceHammerEnv
 
 SEED = 7
 

@@ -67,6 +67,7 @@ class CountEnv(gymnasium.Env):
             "progress": self.value,
             "dropped": bool(dropped),
             "holding": self.value < 0.5,
+            "contacts": np.array([self.value > 0.3, True, False, False, False]),
         }
 
 

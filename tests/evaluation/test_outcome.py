@@ -49,6 +49,32 @@ def test_intervention_is_the_mean_relative_change_of_the_draft():
     assert outcome.intervention == pytest.approx((0.0015 + 0.006) / 0.003001 / 2, abs=1e-4)
 
 
+def test_interventions_around_contacts_are_told_from_those_in_calm():
+    draft = np.full((4, 3), 0.001)
+    changed, same = Motion(draft, 0.5 * draft), Motion(draft, draft)
+    touching, free = np.array([True] * 2), np.array([True, False])
+    # The finger touches from step 20 on: the steps 15 to 25 are around that event.
+    states = [free] * 21 + [touching] * 20
+    recorder = Recorder(info(0.0) | {"contacts": states[0]}, period=0.05)
+    for k, state in enumerate(states[1:]):
+        step = info(0.0, holding=k >= 5) | {"contacts": state}
+        recorder.add(step, changed if 15 <= k <= 25 else same)
+    outcome = recorder.outcome("dexflex", 0)
+    assert outcome.intervention_event == pytest.approx(0.5, abs=1e-3)
+    assert outcome.intervention_calm == 0
+    assert outcome.change_event == pytest.approx(0.5 * np.sqrt(3), abs=1e-4)
+    assert outcome.change_calm == 0
+    assert outcome.intervention == pytest.approx(0.5 * 11 / 40, abs=1e-3)
+
+
+def test_without_contacts_or_drafts_nothing_is_told_of_them():
+    with_motion = record(info(0), motions=[Motion(np.ones((4, 3)), np.zeros((4, 3)))])
+    assert with_motion.intervention_event is None
+    recorder = Recorder(info(0.0) | {"contacts": np.ones(2, bool)}, period=0.05)
+    recorder.add(info(0.0, holding=True) | {"contacts": np.ones(2, bool)}, None)
+    assert recorder.outcome("joint", 0).intervention_calm is None
+
+
 def test_a_row_holds_the_columns_and_nothing_else():
     row = record(info(0.123456), info(1.0, success=True)).row()
     assert tuple(row) == COLUMNS

@@ -6,7 +6,13 @@ import pandas as pd
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.report.table import markdown, pair_rows, pairs_sentence, rate_rows
+from lerobot_dexflex.evaluation.report.table import (
+    markdown,
+    pair_rows,
+    pairs_sentence,
+    rate_rows,
+    selectivity_rows,
+)
 from lerobot_dexflex.evaluation.summary import AVERAGE, grown, newest, summarise, write_eval_info
 
 A, B = "PourCup-v0", "PlaceHammer-v0"
@@ -132,6 +138,16 @@ def test_only_successes_have_a_time_and_missing_numbers_no_mean():
     drops = summary.mean("raw", "drops")
     assert drops is not None
     assert drops.mean == pytest.approx(1 / 3)
+
+
+def test_changes_at_contacts_stand_beside_those_in_calm_where_drafts_were_changed():
+    rows = pd.concat([episodes("raw", "10"), episodes("dexflex", "10")])
+    assert selectivity_rows(summarise(rows, ["raw", "dexflex"])) == []  # Rows of before these columns.
+    for column, values in {"change_event": (0, 0, 3, 1), "change_calm": (0, 0, 1, 0)}.items():
+        rows[column] = rows[column.replace("change", "intervention")] = [float(value) for value in values]
+    [row] = selectivity_rows(summarise(rows, ["raw", "dexflex"]))
+    assert row[0] == "dexflex"
+    assert [cell.split()[0] for cell in row[1:4]] == ["2.00", "0.50", "4.0"]
 
 
 def test_a_method_without_episodes_is_refused():

@@ -104,6 +104,16 @@ def test_a_greater_margin_asks_for_greater_forces(lifted):
     assert total(1.5, 6.0) > total(1.5, 2.0)
 
 
+def test_a_braced_hand_balances_the_force_that_it_expects(lifted):
+    def total(force) -> np.ndarray:
+        hand = holding_hand(lifted, 1.5)
+        hand.brace(np.array(force), np.zeros(3))
+        assert hand.operator is not None
+        return hand.operator.guide().forces.sum(0)
+
+    assert np.allclose(total([-0.5, 0.0, 0.3]) - total([0.0, 0.0, 0.0]), [0.5, 0.0, -0.3], atol=0.1)
+
+
 def test_screwing_may_use_another_share_of_the_friction_than_the_margin_leaves(lifted):
     hand = holding_hand(lifted, 2.0)
     assert hand.operator is not None

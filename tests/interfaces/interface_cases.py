@@ -8,7 +8,7 @@ from lerobot_dexflex.interfaces import Method
 
 METHODS = (
     *("joint", "raw", "raw@0.5", "press", "press:2.5+blocked=True+release=0.004+smoothing=0.4"),
-    *("projection", "projection:preload=2@0.5"),
+    *("projection", "projection:preload=2@0.5", "filter", "filter:0.3+limit=0.01"),
 )
 """Methods without networks."""
 

@@ -57,7 +57,7 @@ def test_equal_methods_have_one_name_however_they_were_written(name, canonical):
     ("name", "message"),
     [
         ("psychic", r"Unknown interface 'psychic' in 'psychic'\. Valid: joint, raw, press"),
-        ("filter", "Unknown interface 'filter'"),
+        ("clip", "Unknown interface 'clip'"),
         ("", "Unknown interface ''"),
         ("fake-noluck", r"Unknown ablation 'noluck' .* Valid of 'fake': notouch, noscore"),
         ("fake-", "Unknown ablation ''"),

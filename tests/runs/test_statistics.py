@@ -10,6 +10,7 @@ from lerobot_dexflex.runs.statistics import (
     median_time,
     paired_e_value,
     paired_test,
+    ratio_interval,
     success_rate,
     two_level_interval,
 )
@@ -84,6 +85,21 @@ def test_degenerate_samples_have_no_made_up_interval():
     assert mean_interval([]) is None
     assert mean_interval([2.0]) == (2.0, None, 1)
     assert mean_interval([2.0, 2.0]) == (2.0, (2.0, 2.0), 2)
+
+
+def test_a_ratio_is_that_of_the_means_and_its_interval_holds_the_pairs_together():
+    first, second = [2.0, 4.0, 6.0, 8.0], [1.0, 2.0, 3.0, 4.0]
+    assert ratio_interval(first, second) == (2.0, (2.0, 2.0), 4)
+    found = ratio_interval(first, second[::-1])
+    assert found is not None
+    assert found.ci95 is not None
+    assert found.ci95[0] < found.mean == 2.0 < found.ci95[1]
+
+
+def test_a_ratio_to_nothing_is_undefined():
+    assert ratio_interval([1.0, 2.0], [0.0, 0.0]) is None
+    assert ratio_interval([], []) is None
+    assert ratio_interval([1.0, 2.0], [0.0, 1.0]) == (3.0, None, 2)
 
 
 def test_the_two_level_interval_is_of_the_average_of_groups_and_repeatable():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from moving_hand import bent, record
 
-from lerobot_dexflex.streams.record import ROBOT_TIPS
+from lerobot_dexflex.streams.record import ROBOT_TIPS, Record
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.teleop.fingers import RETURN_SPEED, FingerLead
 
@@ -63,6 +63,10 @@ def test_a_finger_that_comes_back_follows_at_once_on_its_way(fingers, retargetin
     after = follow(fingers, 1, keypoints=bent(0.5))
     moved = wish(retargeting, 0.5) - wish(retargeting, 0.4)
     assert np.linalg.norm(after[0] - back[0] - moved[0]) <= RETURN_SPEED * DT + 1e-12
+
+
+def test_fingers_that_were_never_seen_stay_where_the_robot_has_them(fingers):
+    np.testing.assert_array_equal(fingers.lead(Record.lost(0.0), DT), START)
 
 
 def test_after_a_reset_fingers_begin_where_the_robot_is(fingers):

@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from lerobot_dexflex.commands.families import REMOVAL_STEPS
@@ -16,6 +14,7 @@ from lerobot_dexflex.evaluation.reach.bounds import BOUNDS
 from lerobot_dexflex.evaluation.reach.metrics import EVENT_BIN, EVENT_LAGS, relative_error
 from lerobot_dexflex.evaluation.reach.summary import FAMILIES, Summary
 from lerobot_dexflex.evaluation.report.canvas import INK, LEGEND, colour, new_figure, new_panels, png
+from lerobot_dexflex.evaluation.report.interventions import Trace, interventions
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.statistics import Mean
@@ -102,29 +101,21 @@ def around_removals(summary: Summary) -> bytes | None:
     return png(figure)
 
 
-def interventions(episodes: Mapping[str, Episode]) -> bytes:
+def episode(episodes: Mapping[str, Episode]) -> bytes:
     """Draw the intervention over one episode, removals in grey, fingers in contact behind.
 
     Args:
         episodes: The same episode by method.
     """
-    figure, panels = new_panels(9.0, 1.5 * len(episodes) + 0.4, len(episodes))
-    for k, (axes, (name, episode)) in enumerate(zip(panels, episodes.items(), strict=True)):
-        time = _PERIOD * np.arange(episode.steps)
-        axes.plot(time, relative_error(episode.selected, episode.draft), color=colour(k), lw=1.5)
-        _shade(axes, time, episode.in_event)
-        contacts = axes.twinx()
-        loaded = (episode.loads > CONTACT_FORCE).sum(1)
-        contacts.step(time, loaded, color=INK, lw=0.8, where="post", alpha=0.7)
-        contacts.set(ylim=(0, 4.3), yticks=(0, 2, 4))
-        contacts.set_ylabel("contacts", color=INK, fontsize=8)
-        contacts.tick_params(colors=INK, labelsize=8)
-        contacts.spines[:].set_visible(False)
-        axes.set(ylabel=name, ylim=(0, None))
-    panels[-1].set_xlabel(
-        "time [s]; colour: intervention, grey line: fingers in contact, grey area: removals"
-    )
-    return png(figure)
+    traces = {
+        name: Trace(
+            relative_error(shown.selected, shown.draft),
+            (shown.loads > CONTACT_FORCE).sum(1),
+            shown.in_event,
+        )
+        for name, shown in episodes.items()
+    }
+    return interventions(traces, "intervention", "removals")
 
 
 def gains(summary: Summary) -> bytes | None:
@@ -178,9 +169,3 @@ def _drawn(means: Sequence[Mean | None]) -> tuple[list[float], NDArray[np.float6
     ends = [(h, h) if mean is None else mean.ci95 or (h, h) for h, mean in zip(heights, means, strict=True)]
     low, high = np.array(ends).T
     return heights, np.maximum([heights - low, high - heights], 0.0)
-
-
-def _shade(axes: Axes, time: Any, event: Any) -> None:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], event.astype(int), [0]])))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        axes.axvspan(_PERIOD * begin, _PERIOD * end, color=INK, alpha=0.2, lw=0)

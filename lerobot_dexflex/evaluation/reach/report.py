@@ -83,7 +83,7 @@ def _episode(benchmark: Benchmark, summary: Summary, condition: str) -> Iterable
         f"Seed {seed} under {condition}: the first episode that {rival} drops and {summary.reference} does "
         "not, so a selection; run again alone, twice real time.",
     )
-    yield picture(plots.interventions(shown.episodes), "The same episode: what was changed, and when.")
+    yield picture(plots.episode(shown.episodes), "The same episode: what was changed, and when.")
 
 
 def _rival(summary: Summary) -> str | None:

@@ -4,6 +4,7 @@ import html
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from lerobot_dexflex.envs.registration import TASKS
@@ -13,6 +14,7 @@ from lerobot_dexflex.evaluation.report import plots, table
 from lerobot_dexflex.evaluation.report.film import side_by_side
 from lerobot_dexflex.evaluation.report.html_parts import document, origins, picture, video, write_page
 from lerobot_dexflex.evaluation.report.html_parts import table as html_table
+from lerobot_dexflex.evaluation.report.interventions import interventions, read_trace
 from lerobot_dexflex.evaluation.summary import Summary, grown, summarise, write_eval_info
 from lerobot_dexflex.runs.table import Table
 
@@ -85,6 +87,8 @@ def _task(comparison: Comparison, condition: str, task: str, summary: Summary) -
     yield picture(plots.completion(summary), "Share of episodes solved within a time.")
     yield "</div>"
     yield picture(plots.paired(summary), "How each episode ended under each method.")
+    if rows := table.selectivity_rows(summary):
+        yield html_table(table.SELECTIVITY_HEADER, rows)
     stages = TASKS[task].stages if task in TASKS else ()
     if rows := table.failure_rows(summary, stages):
         yield html_table(table.failure_header(summary), rows)
@@ -99,9 +103,16 @@ def _films(comparison: Comparison, condition: str, task: str, summary: Summary) 
         path = comparison.film(task, condition, seed, "side_by_side")
         try:
             side_by_side(films, path)
-        except (OSError, ValueError) as error:  # av's errors are both.
+            paths = {name: comparison.trace(task, condition, seed, name) for name in summary.methods}
+            traces = {name: read_trace(trace) for name, trace in paths.items() if trace.exists()}
+        except (OSError, EOFError, ValueError) as error:  # av's errors are among them.
             raise DexFlexError(
-                f"A film in {path.parent} of seed {seed} cannot be read ({error}). Remove that folder: the "
-                "rows are kept, and the report goes without these films."
+                f"A film or trace in {path.parent} of seed {seed} cannot be read ({error}). Remove that "
+                "folder: the rows are kept, and the report goes without these films."
             ) from error
         yield video(path, f"Seed {seed}, twice real time.")
+        if changing := {name: trace for name, trace in traces.items() if np.nan_to_num(trace.change).any()}:
+            yield picture(
+                interventions(changing, "change of the draft [mm]", "around contact events"),
+                f"Seed {seed}: how far the interfaces sent the fingertips elsewhere than asked.",
+            )

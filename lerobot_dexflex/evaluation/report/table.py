@@ -23,6 +23,14 @@ DETAIL_HEADER = (
     "intervention",
 )
 _PAIR_HEADER = ("pair", "episodes", "only first", "only second", "McNemar p", "p (Holm)", "progress gain")
+SELECTIVITY_HEADER = (
+    "method",
+    "change at contacts [mm]",
+    "in calm [mm]",
+    "ratio",
+    "intervention at contacts",
+    "in calm",
+)
 _GROWN_HEADER = ("E", "1/E (Holm)")
 MEANINGS = (
     "Success with Wilson 95 % intervals. Methods that share a letter do not differ significantly (5 %, after "
@@ -84,6 +92,19 @@ def pair_rows(summary: Summary) -> Rows:
         ]
         for test in summary.tests
     ]
+
+
+def selectivity_rows(summary: Summary) -> Rows:
+    """Return how much the methods change drafts around contact events and in calm, of those that do."""
+    rows = []
+    for name in summary.methods:
+        change = summary.ratio(name, "change_event", "change_calm")
+        if change is None:
+            continue
+        metrics = ("change_event", "change_calm", "intervention_event", "intervention_calm")
+        event, calm, *relative = (mean_text(summary.mean(name, metric), 2) for metric in metrics)
+        rows.append([name, event, calm, mean_text(change, 1), *relative])
+    return rows
 
 
 def failure_header(summary: Summary) -> list[str]:

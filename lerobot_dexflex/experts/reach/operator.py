@@ -93,6 +93,8 @@ class Operator:
         self.senses, self._rng = senses, rng
         self.speed, self.preload, self.strength = SPEED, PRELOAD, strength
         self.friction_share = FRICTION_SHARE
+        self.load: Array = np.zeros(6)
+        """Expected force [N] and torque [N m] of the world on the object, palm frame. Shape (6,)."""
         self.surface = senses.surface(_SURFACE_POINTS)
         now = senses.read()
         self.fingers = FingerStates(
@@ -282,7 +284,7 @@ class Operator:
             twist = shortened(_PULL[1] * turn, _LARGEST_PULL[1])
             weight = senses.mass * senses.gravity
             lever = np.cross(now.centre - now.position, weight)
-            wrench = np.concatenate([pull - weight, twist - lever])
+            wrench = np.concatenate([pull - weight, twist - lever]) - self.load
             preload = max(self.preload, _PRELOAD_GAIN * senses.mass * GRAVITY)
             inward = fingers.inward[holding] @ now.rotation.T
             friction = self.friction_share * senses.friction

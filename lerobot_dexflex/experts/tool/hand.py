@@ -89,6 +89,17 @@ class OperatorHand:
         now = self.senses.read()
         self.operator.set_goal(now.position, now.quaternion)
 
+    def brace(self, force: Array, point: Array) -> None:
+        """Expect a force on the gripped tool from outside, until told otherwise.
+
+        Args:
+            force: In the palm frame [N]. Shape (3,).
+            point: Where it acts, in the frame of the tool's body [m]. Shape (3,).
+        """
+        assert self.operator is not None
+        arm = self.senses.read().rotation @ (point - self.senses.tool.centre)
+        self.operator.load[:3], self.operator.load[3:] = force, np.cross(arm, force)
+
     @property
     def gripped(self) -> bool:
         """Whether every finger that shall hold the tool feels it."""

@@ -55,11 +55,11 @@ def decode(source):
     return base64.b64decode(source.split(",", 1)[1])
 
 
-def test_all_three_figures_are_inside(folder):
+def test_three_figures_and_the_interventions_of_filmed_episodes_are_inside(folder):
     images = [decode(source) for source in parse(folder).images]
-    assert len(images) == 3
+    assert len(images) == 3 + 2
     assert all(image.startswith(PNG) for image in images)
-    assert len(set(images)) == 3
+    assert len(set(images)) == 3 + 2
 
 
 def test_filmed_episodes_are_inside_and_play_in_a_browser(folder):
