@@ -88,6 +88,7 @@ VIEWS = {
         trainings=True,
         against="dexflex",
     ),
+    "projection": View(f"commanded/raw,commanded/projection,commanded/{SPLIT},dexflex", tasks=TOOLS),
     "typical": View(POLICIES, "typical", "PlaceHammer-v0", trainings=True, against="dexflex"),
     "ten": View("demos10/joint,demos10-commanded/raw,demos10/dexgen,demos10/dexflex", tasks=TOOLS),
     "motion_only": View("motion/raw,motion/press:4,motion/dexgen,motion/dexflex", tasks="PlaceHammer-v0"),
