@@ -17,6 +17,7 @@ def env():
 def test_an_episode_starts_unsolved_with_the_flange_pointing_forward(env):
     observation, info = env.reset(seed=SEED)
     assert env.observation_space.contains(observation)
+    assert info.pop("contacts").tolist() == [False, False, False, False, True]  # Table and balls.
     assert info == {
         "is_success": False,
         "progress": 0.0,

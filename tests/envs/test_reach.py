@@ -42,6 +42,7 @@ def test_there_are_sixteen_joints_and_no_object_or_goal_in_the_observation():
         "gravity": (3,),
     }
     assert env.action_space.shape == (16,)
+    assert info.pop("contacts").tolist() == [False, True, True, True, False]
     assert info == {"is_success": False, "progress": 0.0, "dropped": False, "goals_reached": 0}
     # Another goal changes the pictures and nothing else.
     env.data.mocap_pos[0] += (0.0, 0.0, -0.03)
