@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # Seconds of imports that --help need not pay.
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "eval/results"
-TOOLS = "PourCup-v0,PlaceHammer-v0"
+TOLD_APART = "PourCup-v0,PlaceHammer-v0"
 """Tasks whose policies succeed often enough to be told apart."""
 TASKS = "PourCup-v0,PlaceHammer-v0,AssembleTable-v0"
 POLICIES = "joint,commanded/raw,commanded/press:1,press:4,dexgen,dexflex-notouch,dexflex"
@@ -84,15 +84,15 @@ VIEWS = {
         "joint,commanded/raw,commanded/press:1,commanded/press:1+blocked=True,commanded/projection,"
         f"commanded/{SPLIT},press:4,press:4+blocked=True,dexgen,dexflex-notouch,dexflex",
         "removal_2mm",
-        TOOLS,
+        TOLD_APART,
         trainings=True,
         against="dexflex",
     ),
-    "projection": View(f"commanded/raw,commanded/projection,commanded/{SPLIT},dexflex", tasks=TOOLS),
+    "projection": View(f"commanded/raw,commanded/projection,commanded/{SPLIT},dexflex", tasks=TOLD_APART),
     "typical": View(POLICIES, "typical", "PlaceHammer-v0", trainings=True, against="dexflex"),
-    "ten": View("demos10/joint,demos10-commanded/raw,demos10/dexgen,demos10/dexflex", tasks=TOOLS),
+    "ten": View("demos10/joint,demos10-commanded/raw,demos10/dexgen,demos10/dexflex", tasks=TOLD_APART),
     "motion_only": View("motion/raw,motion/press:4,motion/dexgen,motion/dexflex", tasks="PlaceHammer-v0"),
-    "fifty": View("joint,commanded/raw,dexgen,dexflex", tasks=TOOLS),
+    "fifty": View("joint,commanded/raw,dexgen,dexflex", tasks=TOLD_APART),
 }
 """What a document may show, by name."""
 BENCHMARKS = {

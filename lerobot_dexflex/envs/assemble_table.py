@@ -23,7 +23,7 @@ from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera, place_robot
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import rotation_matrix
-from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_hand
+from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
 
 ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, np.pi / 2)
 """Arm at the start [rad]: palm down."""
@@ -146,6 +146,7 @@ class AssembleTableEnv(HandEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": bool(touched & {"table", "floor"} or rotation[2, 2] < 0.5),
             "holding": holding,
+            "contacts": contact_flags(touched),
         }
 
     def _mocap(self, body: str) -> int:

@@ -19,7 +19,7 @@ from lerobot_dexflex.envs.scene import (
 )
 from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import contact_names, pinched
+from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
 
 ARM_START = (0.40, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2 + 0.40)
 """Arm at the start of an episode [rad]: the hand hovers behind the stand, palm down."""
@@ -165,6 +165,7 @@ class BrushSweepEnv(HandEnv):
             "progress": self.memory["most_inside"] / len(resting),
             "dropped": bool((lying and not holding) or "floor" in touching or len(resting) - lost < enough),
             "holding": holding,
+            "contacts": contact_flags(touching),
             "pieces_in_pan": inside,
         }
 

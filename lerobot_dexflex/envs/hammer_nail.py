@@ -27,7 +27,7 @@ from lerobot_dexflex.envs.scene import (
 )
 from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import contact_names, pinched
+from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
 
 NAIL_DEPTH, TOLERANCE = 0.030, 0.002
 """How far the nail stands out at first, and how far it may when it is in [m]."""
@@ -127,6 +127,7 @@ class HammerNailEnv(HandEnv):
             "progress": self.memory["share"],
             "dropped": bool(touching & {"table", "floor"}),
             "holding": holding,
+            "contacts": contact_flags(touching),
         }
 
 

@@ -17,7 +17,6 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import contact_names, touched_by_hand
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor, add_touch
 
@@ -128,7 +127,10 @@ class HandEnv(gymnasium.Env):
 
     @abstractmethod
     def _update(self) -> dict[str, Any]:
-        """Judge the state after a control step; returns at least `is_success` and `progress` in [0, 1].
+        """Judge the state after a control step.
+
+        Returns at least `is_success`, `progress` in [0, 1], and `contacts`, the `contact_flags` of the
+        manipulated body.
 
         What it must remember between steps belongs into `self.memory`, which snapshots carry.
         """
@@ -151,7 +153,7 @@ class HandEnv(gymnasium.Env):
         self._initialise(episode)
         mujoco.mj_forward(self.model, self.data)
         self._command = self.data.ctrl.copy()
-        return self.observe(), self._update() | {"contacts": self.contacts}
+        return self.observe(), self._update()
 
     def step(self, action: NDArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Run one control step of 50 ms; success and an unrecoverable drop end the episode.
@@ -160,7 +162,7 @@ class HandEnv(gymnasium.Env):
             DexFlexError: If the action has another shape or holds NaN or infinity; nothing is executed.
         """
         self.advance(action)
-        info = self._update() | {"contacts": self.contacts}
+        info = self._update()
         done = bool(info["is_success"] or info.get("dropped", False))
         return self.observe(), float(info["is_success"]), done, False, info
 
@@ -235,13 +237,6 @@ class HandEnv(gymnasium.Env):
     def pad_forces(self) -> NDArray[np.float64]:
         """True contact normal force on each fingertip [N]. Shape (4,)."""
         return self._touch.normal_forces(self.data)
-
-    @property
-    def contacts(self) -> NDArray[np.bool_]:
-        """Whether each fingertip, and anything but the hand, touches the manipulated body. Shape (5,)."""
-        names = contact_names(self.model, self.data, self.manipulated)
-        tips = [f"{finger}_ds" in names for finger in robot.FINGERS]
-        return np.array([*tips, any(not touched_by_hand({name}) for name in names)])
 
     def _load(self, episode: Any) -> None:
         self.episode = episode

@@ -26,7 +26,7 @@ from lerobot_dexflex.envs.scene import (
 )
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_hand
+from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
 
 _PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.036, 0.010
 
@@ -124,6 +124,7 @@ class PlaceHammerEnv(HandEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": bool(touching & {"table", "floor"}),
             "holding": holding,
+            "contacts": contact_flags(touching),
         }
 
 

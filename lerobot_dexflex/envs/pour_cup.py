@@ -20,7 +20,7 @@ from lerobot_dexflex.envs.scene import (
 )
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import contact_names, pinched, touched_by_hand
+from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
 
 ARM_START = (0.278, 0.134, 0.160, 0.248, 3.662, 1.481, -1.647)
 """Arm at the start of an episode [rad]: the flange points forward, the hand is behind the handle."""
@@ -150,6 +150,7 @@ class PourCupEnv(HandEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": bool(fallen or "floor" in touching or self.episode.balls - lost < enough),
             "holding": holding,
+            "contacts": contact_flags(touching),
             "balls_in_bowl": inside,
         }
 

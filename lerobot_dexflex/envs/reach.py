@@ -13,7 +13,12 @@ from lerobot_dexflex.envs.rendering import tune_visuals
 from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import CONTACT_FORCE, fingertip_contacts
+from lerobot_dexflex.hand.contacts import (
+    CONTACT_FORCE,
+    contact_flags,
+    contact_names,
+    fingertip_contacts,
+)
 from lerobot_dexflex.hand.grasp import OBJECT, GraspSearch, hand_scene
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.objects import ObjectSpec, add_ghost, sample_object
@@ -178,6 +183,7 @@ class ReachEnv(HandEnv):
             "is_success": bool(success),
             "progress": float(np.clip(progress, 0.0, 1.0)),
             "dropped": bool(dropped and not success),
+            "contacts": contact_flags(contact_names(self.model, self.data, OBJECT)),
             "goals_reached": memory["reached"],
         }
 

@@ -17,34 +17,15 @@ from lerobot_dexflex.envs.brush_sweep import (
     PAN_HALF_WIDTH,
     BrushSweepEnv,
 )
-from lerobot_dexflex.experts.command import Array, Command, min_jerk
-from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
+from lerobot_dexflex.experts.command import Command, min_jerk
+from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, HELD, grip_bar, pick_up
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.objects import ObjectSpec
 
-GRASP_CENTRE = np.array([-0.0405, -0.0353, -0.1401])
-"""Point in the handle between the pads, palm frame [m]; the handle runs along palm y in the end."""
-HAND_TOUCH = np.array(
-    (
-        *(1.519, 0.004, 0.368, -0.316),
-        *(1.518, -0.024, 0.367, -0.315),
-        *(1.524, -0.053, 0.354, -0.307),
-        *(1.755, 0.002, 0.386, -0.385),
-    )
-)
-"""All four pads flat on a handle of 13 mm half width [rad]: where the search for a grip begins."""
-HAND_IDLE = np.array((0.3, 0.0, 0.3, 0.3) * 3 + (1.6, 0.2, 0.8, -0.2))
-"""Fingers that take no part are stretched out [rad]."""
-ALONG = np.array([0.043, 0.0, -0.043, 0.012])
-"""Where the pads are along the handle, from the middle finger toward the index [m]."""
-HELD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""Orientation of the brush in the palm once it is straight: its handle along palm y, head at the index."""
 GRASP_AT = 0.010
 """Where along the handle the hand grips, from its centre toward the head [m]."""
-ROOM = 0.024
-"""How far from the handle the open pads are [m]."""
 FOUR_FINGERS = 0.6
 """How often the middle finger takes part."""
 PRESS = 0.002
@@ -79,14 +60,9 @@ def demonstrate(env: BrushSweepEnv, rng: np.random.Generator) -> Iterator[Comman
     grasp_point = position + rotation @ np.array([0.0, 0.0, GRASP_AT])
     held = Pose(GRASP_CENTRE - GRASP_AT * HELD[:, 2], HELD)
     fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 2, 3)
-    grip = _grip(PALM_DOWN.T @ rotation[:, 2], episode.handle_half_width, fingers)
+    grip = grip_bar(PALM_DOWN.T @ rotation[:, 2], episode.handle_half_width, fingers)
 
-    hand.go(grip.open, 20)
-    yield from script.swing(grasp_point + np.array([0, 0, 0.08]), PALM_DOWN, 22, ARM_START)
-    script.care = 0.2
-    yield from script.take(grip, grasp_point, PALM_DOWN, 15)
-    yield from script.glide(script.position + np.array([0, 0, 0.02]), PALM_DOWN, 6)
-    hand.lead(*held)
+    yield from pick_up(script, grip, grasp_point, held, ARM_START)
     yield from script.glide(script.position + np.array([0, 0, 0.05]), PALM_DOWN, 10)
 
     script.care = 0.4
@@ -137,9 +113,3 @@ def _brush_at(env: BrushSweepEnv, along: float, ahead: float, height: float) -> 
     rotation = turn @ np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
     end = position + turn @ np.array([along, ahead, height])
     return Pose(end - rotation @ np.array([BRISTLE_END, 0.0, HEAD_CENTRE]), rotation)
-
-
-def _grip(axis: Array, half_width: float, fingers: tuple[int, ...]) -> Grip:
-    """Return the grip of a bar whose axis in the palm frame is (3,), its half width [m]."""
-    handle = Handle(GRASP_CENTRE, axis, half_width)
-    return grip_handle(handle, ALONG, np.array([-1.0, 0, 0]), fingers, HAND_TOUCH, HAND_IDLE, ROOM)

@@ -7,7 +7,8 @@ import numpy as np
 from lerobot_dexflex.envs.hammer import ARM_START, HANDLE_HALF_LENGTH, HEAD_CENTRE, HEAD_HALF_SIZE
 from lerobot_dexflex.envs.hammer_nail import NAIL_DEPTH, TOLERANCE, HammerNailEnv
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.experts.place_hammer import GRASP_AT, GRASP_CENTRE, grip_hammer
+from lerobot_dexflex.experts.place_hammer import GRASP_AT
+from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, grip_bar, pick_up
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
@@ -49,14 +50,9 @@ def demonstrate(env: HammerNailEnv, rng: np.random.Generator) -> Iterator[Comman
     grasp_point = position + rotation @ np.array([0.0, 0.0, GRASP_AT])
     held = Pose(GRASP_CENTRE - GRASP_AT * HELD[:, 2], HELD)
     fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 2, 3)
-    grip = grip_hammer(PALM_DOWN.T @ rotation[:, 2], episode.handle_radius, fingers)
+    grip = grip_bar(PALM_DOWN.T @ rotation[:, 2], episode.handle_radius, fingers)
 
-    hand.go(grip.open, 20)
-    yield from script.swing(grasp_point + np.array([0, 0, 0.08]), PALM_DOWN, 22, ARM_START)
-    script.care = 0.2
-    yield from script.take(grip, grasp_point, PALM_DOWN, 15)
-    yield from script.glide(script.position + np.array([0, 0, 0.02]), PALM_DOWN, 6)
-    hand.lead(*held)
+    yield from pick_up(script, grip, grasp_point, held, ARM_START)
     yield from script.glide(script.position + np.array([0, 0, 0.06]), PALM_DOWN, 10)
 
     script.care = 0.5

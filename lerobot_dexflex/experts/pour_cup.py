@@ -14,6 +14,7 @@ from lerobot_dexflex.envs.pour_cup import (
     PourCupEnv,
 )
 from lerobot_dexflex.experts.command import Array, Command
+from lerobot_dexflex.experts.tool.bar import HAND_IDLE
 from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
 from lerobot_dexflex.experts.tool.script import Pose, Script
@@ -42,8 +43,6 @@ HAND_TOUCH = np.array(
     )
 )
 """All four pads flat on a bar of 20 mm width [rad]: where the search for a grip begins."""
-HAND_IDLE = np.array((0.3, 0.0, 0.3, 0.3) * 3 + (1.6, 0.2, 0.8, -0.2))
-"""Fingers that take no part are stretched out [rad]."""
 ALONG = np.array([0.045, 0.0, -0.045, -0.010])
 """Where the pads are along the bar, from the middle finger toward the index [m]."""
 ROOM = 0.024

@@ -94,6 +94,12 @@ def pinched(names: set[str]) -> bool:
     return "th_ds" in names and any(f"{finger}_ds" in names for finger in FINGERS[:3])
 
 
+def contact_flags(names: set[str]) -> NDArray[np.bool_]:
+    """Say whether each fingertip, and anything but the hand, is among the names of `contact_names`: (5,)."""
+    tips = [f"{finger}_ds" in names for finger in FINGERS]
+    return np.array([*tips, any(not touched_by_hand({name}) for name in names)])
+
+
 def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 12) -> PadSolution:
     """Find joints that lay each pad flat on a surface point: damped least squares, one finger at a time.
 

@@ -9,7 +9,7 @@ from expert_checks import angle_between, make_env, pads_of
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.experts import Command, make_expert
-from lerobot_dexflex.experts.brush_sweep import GRASP_CENTRE, HAND_TOUCH, HELD
+from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, HAND_TOUCH, HELD
 from lerobot_dexflex.hand import kernels
 
 SEEDS = (0, 1, 2, 3)

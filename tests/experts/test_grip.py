@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from expert_checks import pads_of
 
-from lerobot_dexflex.experts.place_hammer import ALONG, GRASP_CENTRE, HAND_IDLE, HAND_TOUCH
+from lerobot_dexflex.experts.tool.bar import ALONG, GRASP_CENTRE, HAND_IDLE, HAND_TOUCH
 from lerobot_dexflex.experts.tool.grip import Handle, grip_handle
 
 PUSH = np.array([-1.0, 0.0, 0.0])

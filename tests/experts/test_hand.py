@@ -8,6 +8,7 @@ from expert_checks import SEED, make_env
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts import make_expert, place_hammer
+from lerobot_dexflex.experts.tool.bar import HAND_TOUCH
 from lerobot_dexflex.experts.tool.grip import Grip
 from lerobot_dexflex.experts.tool.hand import LOST_STEPS, OperatorHand
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
@@ -16,7 +17,7 @@ from lerobot_dexflex.hand.model import HAND_RELAXED
 from lerobot_dexflex.hand.objects import ObjectSpec
 
 RELAXED = np.array(HAND_RELAXED)
-CLOSED = place_hammer.HAND_TOUCH
+CLOSED = HAND_TOUCH
 
 
 def free_hand() -> OperatorHand:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from expert_checks import angle_between, demonstrate, pads_of
 
-from lerobot_dexflex.experts.place_hammer import GRASP_AT, GRASP_CENTRE, HAND_TOUCH, HELD
+from lerobot_dexflex.experts.place_hammer import GRASP_AT
+from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, HAND_TOUCH, HELD
 
 FOUR, THREE = 11, 8
 """Seeds of hammers gripped by all fingers, and without the ring finger."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from expert_checks import SEED, make_env
 
-from lerobot_dexflex.experts.place_hammer import GRASP_CENTRE
+from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE
 from lerobot_dexflex.experts.tool.hand import OperatorHand
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
