@@ -10,6 +10,7 @@ _EXPERTS = {
     "AssembleTable-v0": "lerobot_dexflex.experts.assemble_table:demonstrate",
     "PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate",
     "PourCup-v0": "lerobot_dexflex.experts.pour_cup:demonstrate",
+    "Screwdriver-v0": "lerobot_dexflex.experts.screwdriver:demonstrate",
 }
 
 
