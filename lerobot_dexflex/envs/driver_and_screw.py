@@ -10,18 +10,18 @@ from lerobot_dexflex.hand.poses import quaternion_of, quaternion_product
 Pose2 = tuple[float, float, float]
 """Position x, y on the table [m] and yaw [rad]."""
 
-HANDLE_LENGTH, BIT_LENGTH, BIT_RADIUS = 0.095, 0.055, 0.003
+HANDLE_LENGTH, BIT_LENGTH, BIT_RADIUS = 0.12, 0.055, 0.003
 STAND_HEIGHT = 0.060
 """Height of the stand, on which the handle rests, along its lean [m]."""
 PITCH, TURNS = 0.002, 0.5
 """The screw: lead per turn [m], and turns until its head is down on the block."""
 SEAT = 0.036
-"""Height of the recess's floor above the table, the screw still loose [m]; its rim is 12 mm above that."""
+"""Height of the recess's floor above the table, the screw still loose [m]; its rim is 15 mm above that."""
 SCREW_FRICTION = 0.02
 """Torque that turns the screw [N m]."""
 BITE = 0.02
 """Torque that the bit passes on per force that presses it into the screw [N m/N]: less, and it slips out."""
-_RECESS_GAP, _RECESS_DEPTH = 0.0006, 0.009
+_RECESS_GAP, _RECESS_DEPTH = 0.0003, 0.012
 _STAND_GAP = 0.0012
 _BLOCK_HALF_SIZE = (0.04, 0.04, 0.015)
 _HANDLE_SHARE = 0.8
@@ -29,10 +29,10 @@ _HANDLE_SHARE = 0.8
 
 
 def add_stand(spec: mujoco.MjSpec, pose: Pose2, lean: float) -> None:
-    """Add four walls in which the shaft hangs, leaning about their y axis [rad]; the handle rests on them."""
+    """Add four walls in which the shaft hangs, leaning about their x axis [rad]; the handle rests on them."""
     x, y, yaw = pose
     turn = quaternion_of(np.array([0.0, 0.0, yaw]))
-    quaternion = quaternion_product(turn, quaternion_of(np.array([0.0, lean, 0.0])))
+    quaternion = quaternion_product(turn, quaternion_of(np.array([lean, 0.0, 0.0])))
     stand = spec.worldbody.add_body(name="stand", pos=(x, y, 0), quat=quaternion)
     size = (0.004, 0.010, STAND_HEIGHT / 2)
     for k in range(4):
@@ -68,32 +68,31 @@ def add_screw(spec: mujoco.MjSpec, pose: Pose2) -> None:
 
 
 def _add_head(screw: mujoco.MjsBody) -> None:
-    """Add the floor of the recess, its walls with a chamfer above, the neck, and a mark that shows the turn."""
+    """Add the floor of the recess, walls with a chamfer above, one of them red to show the turn, and a neck."""
     dark, light = (0.35, 0.35, 0.4, 1), (0.6, 0.6, 0.65, 1)
     inside = BIT_RADIUS + _RECESS_GAP
-    floor = ContactSurface(condim=4, friction=(0.6, BITE, 0.0001))
-    for name, radius, half_height, height, surface in (
-        ("screw_floor", inside + 0.007, 0.002, -0.002, floor),
-        ("screw_neck", 0.004, 0.004, -0.008, ContactSurface()),
-    ):
+    geoms = [
         screw.add_geom(
-            name=name,
+            name="screw_floor",
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            size=(radius, half_height, 0),
-            pos=(0, 0, height),
-            mass=0.005,
+            size=(inside + 0.007, 0.002, 0),
+            pos=(0, 0, -0.002),
             rgba=dark,
-            **surface._asdict(),
+            **ContactSurface(condim=4, friction=(0.6, BITE, 0.0001))._asdict(),
         )
+    ]
     for k in range(8):
         angle = k * np.pi / 4
         colour = (0.95, 0.2, 0.1, 1) if k == 0 else dark
         size = (0.0035, 0.0035, _RECESS_DEPTH / 2)
-        walls = [add_wall(screw, f"recess{k}", angle, inside, size, colour)]
+        geoms.append(add_wall(screw, f"recess{k}", angle, inside, size, colour))
         size = (0.0015, 0.005, 0.003)
-        walls += [add_wall(screw, f"chamfer{k}", angle, inside, size, light, _RECESS_DEPTH, np.pi / 4)]
-        for wall in walls:
-            wall.mass = 0.001
+        geoms.append(add_wall(screw, f"chamfer{k}", angle, inside, size, light, _RECESS_DEPTH, np.pi / 4))
+    for geom in geoms:  # Steel: the default would let the bit sink in by millimetres.
+        geom.priority, geom.solref = 1, robot.TIP_SOLREF
+    for wall in geoms[1:]:
+        wall.friction[0] = 0.2
+    add_block(screw, "screw_neck", (0.003, 0.003, 0.004), (0, 0, -0.008), dark)
 
 
 def add_driver(spec: mujoco.MjSpec, handle_radius: float, mass: float) -> None:

@@ -91,7 +91,7 @@ def add_wall(
     rgba: Any,
     base: float = 0.0,
     lean: float = 0.0,
-) -> None:
+) -> mujoco.MjsGeom:
     """Add a block beside the body's z axis, its inner lower edge `inside` [m] off it and `base` [m] up.
 
     It stands toward `angle` about z [rad] and leans outward by `lean` [rad].
@@ -106,6 +106,7 @@ def add_wall(
         np.cos(angle / 2) * np.sin(lean / 2),
         np.sin(angle / 2) * np.cos(lean / 2),
     )
+    return wall
 
 
 def add_camera(spec: mujoco.MjSpec, name: str, position: Vector3, target: Vector3, fovy: float) -> None:

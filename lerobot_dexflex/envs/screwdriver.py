@@ -22,10 +22,10 @@ from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_names, pinched
 
-ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, np.pi / 2)
-"""Arm at the start [rad]: palm down."""
-LEAN = (-0.35, 0.35)
-"""Range of the stand's lean [rad]."""
+ARM_START = (0.0, 0.05, 0.05, 0.3, 3.2, 1.35, -1.6)
+"""Arm at the start [rad]: the flange points forward."""
+LEAN = (-0.25, 0.25)
+"""Range of the stand's lean to the side [rad]."""
 SEATED_DISTANCE, SEATED_TILT = 0.002, np.radians(10)
 """How far the tip of a seated bit is from the middle of the recess's floor [m], and its tilt [rad]."""
 TIGHT = 0.02
@@ -42,7 +42,7 @@ class DriverEpisode:
     tip_friction: float
     stand: Pose2
     lean: float
-    """How far stand and driver lean, about the y axis of the stand."""
+    """How far stand and driver lean, about the x axis of the stand."""
     driver_yaw: float
     """How the driver is turned in its stand."""
     screw: Pose2
@@ -64,19 +64,19 @@ class ScrewdriverEnv(HandEnv):
 
     def _sample_episode(self, rng: np.random.Generator) -> DriverEpisode:
         return DriverEpisode(
-            handle_radius=rng.uniform(0.010, 0.013),
-            mass=rng.uniform(0.03, 0.06),
+            handle_radius=rng.uniform(0.011, 0.014),
+            mass=rng.uniform(0.04, 0.08),
             tip_friction=rng.uniform(0.8, 1.2),
-            stand=(rng.uniform(0.405, 0.435), rng.uniform(-0.14, -0.10), rng.uniform(-0.15, 0.15)),
+            stand=(rng.uniform(0.53, 0.56), rng.uniform(-0.12, -0.08), rng.uniform(-0.15, 0.15)),
             lean=rng.uniform(*LEAN),
             driver_yaw=rng.uniform(-np.pi, np.pi),
-            screw=(rng.uniform(0.51, 0.53), rng.uniform(0.085, 0.115), rng.uniform(-np.pi, np.pi)),
+            screw=(rng.uniform(0.53, 0.55), rng.uniform(0.07, 0.10), rng.uniform(-np.pi, np.pi)),
             arm_noise=tuple(rng.normal(scale=0.03, size=len(robot.ARM_JOINTS))),
         )
 
     def _build(self, episode: DriverEpisode) -> mujoco.MjSpec:
         spec, palm = robot_at_table(episode.tip_friction)
-        add_camera(spec, "front", position=(0.98, -0.42, 0.38), target=(0.47, 0.0, 0.11), fovy=33)
+        add_camera(spec, "front", position=(1.08, -0.30, 0.42), target=(0.50, 0.0, 0.12), fovy=33)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         add_stand(spec, episode.stand, episode.lean)
         add_screw(spec, episode.screw)
@@ -86,14 +86,14 @@ class ScrewdriverEnv(HandEnv):
     def _initialise(self, episode: DriverEpisode) -> None:
         place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
         x, y, yaw = episode.stand
-        stand = _about_z(yaw) @ rotation_matrix(np.array([0.0, episode.lean, 0.0]))
+        stand = _about_z(yaw) @ rotation_matrix(np.array([episode.lean, 0.0, 0.0]))
         pose = self.data.joint("driver").qpos
         pose[:3] = np.array([x, y, 0.0]) + (STAND_HEIGHT + 0.0005) * stand[:, 2]
         mujoco.mju_mat2Quat(pose[3:7], (stand @ _about_z(episode.driver_yaw)).ravel())
 
     @property
     def driver_pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Position [m] (3,) of the handle's lower end and orientation (3, 3), z along the handle; privileged."""
+        """Position [m] (3,) of the handle's lower end, orientation (3, 3) with z along it; privileged."""
         body = self.data.body("driver")
         return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
 

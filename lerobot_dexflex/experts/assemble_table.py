@@ -9,17 +9,15 @@ from lerobot_dexflex.envs.leg_and_socket import LEG_LENGTH, STUD_LENGTH
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
-from lerobot_dexflex.experts.tool.screwing import HABITS, Screw, insert, made_upright, turn
+from lerobot_dexflex.experts.tool.screwing import HABITS, UP, Screw, Strokes, aligned, insert, turn
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.objects import ObjectSpec
 
 GRASP_AT = 0.087
 """Where along the leg the hand grips, above the shaft's lower end [m]."""
-STROKE = 0.6
-"""How far the fingers turn the leg before they grasp again [rad]."""
-STROKES = 10
-"""After so many the operator gives up."""
+STROKES = Strokes(angle=0.6, most=10, room=0.03, room_back=0.016)
+"""The leg must not be turned back between strokes: the pads leave it by 3 cm."""
 
 
 def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Command]:
@@ -45,7 +43,7 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     script.care = 0.12
     yield from script.take(grip, grasp_point, PALM_DOWN, 18)
     yield from script.glide(script.position + 0.03 * rotation[:, 2], PALM_DOWN, 8)
-    straight = made_upright(script.in_palm(*env.leg_pose).rotation)
+    straight = aligned(script.in_palm(*env.leg_pose).rotation, UP)
     held = Pose(habit.centre - straight @ at, straight)
     hand.lead(*held)
     yield from script.glide(script.position + np.array([0, 0, 0.05]), PALM_DOWN, 14)
@@ -56,13 +54,16 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     yield from script.wait(lambda: hand.there, 20)
     hand.keep()
     script.care = 0.08
-    goal = env.goal_position
-    yield from insert(script, lambda: env.leg_pose, goal, STUD_LENGTH, lambda: env.caught)
-    leg = Screw(lambda: env.leg_pose, GRASP_AT, episode.leg_radius, lambda: env.turns, lambda: env.lit)
-    yield from turn(script, habit, leg, STROKE, STROKES if env.caught else 0)
+    yield from insert(
+        script, lambda: env.leg_pose, env.goal_position, PALM_DOWN, STUD_LENGTH, lambda: env.caught
+    )
+    if env.caught:
+        radius = episode.leg_radius
+        leg = Screw(lambda: env.leg_pose, UP, GRASP_AT, radius, lambda: env.turns, lambda: env.lit)
+        yield from turn(script, leg, habit.grip, STROKES)
     script.care = 0.3
     hand.let_go()
-    upright = habit.grip(Handle(habit.centre, np.array([0.0, 0.0, 1.0]), episode.leg_radius))
+    upright = habit.grip(Handle(habit.centre, UP, episode.leg_radius))
     yield from script.move_hand(upright.open, 8)
     hand.relax(25, after=5)
     yield from script.glide(script.position + np.array([0, 0, 0.12]), script.rotation, 17)

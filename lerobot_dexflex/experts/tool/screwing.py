@@ -8,13 +8,12 @@ import numpy as np
 from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE
 from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
-from lerobot_dexflex.experts.tool.script import PALM_DOWN, Script
+from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.hand.arm import rotation_matrix
 
 _IDLE = (0.6, -0.3, 0.3, 0.3)
 _THUMB = (1.369, -0.068, 0.912, -0.924)
-ROOM = 0.03
-"""How far the pads leave the thing between strokes [m]: it must not be turned back."""
+UP = np.array([0.0, 0.0, 1.0])
 THUMB_SHIFT = -0.03
 """By how much the thumb's pad is moved aside per turn of the grip [m/rad]: it rolls on the thing."""
 LEAST_TURN = 0.01
@@ -61,30 +60,57 @@ HABITS = (
 
 
 class Screw(NamedTuple):
-    """What is turned about its z axis by the fingers, and what the operator sees of it."""
+    """What the fingers turn about its z axis, and what the operator sees of it."""
 
     pose: Callable[[], tuple[Array, Array]]
     """Position [m] (3,) and orientation (3, 3) of its body in the world."""
+    axis: Array
+    """Unit vector in the palm frame along which its z axis stands. Shape (3,)."""
     grasp_at: float
-    """Where along its axis the fingers hold it, in its body's frame [m]."""
+    """Where along its z axis the fingers hold it [m]."""
     radius: float
-    """Of what the fingers hold [m]."""
+    """Half of its width there [m]."""
     turns: Callable[[], float]
     """By how many turns it is screwed in."""
     tight: Callable[[], bool]
     """Whether it is to be turned no more."""
+    seat: Callable[[], Array] | None = None
+    """Where its body belongs [m] (3,), world frame; None if it cannot lean or leave."""
 
-    def axis(self, script: Script) -> Handle:
-        """Return what the fingers hold as it is now."""
+    def in_palm(self, script: Script) -> Pose:
+        """Return where its body is in the palm, or belongs if it has a seat."""
         held = script.in_palm(*self.pose())
+        if self.seat is None:
+            return held
+        return Pose(script.in_palm(self.seat(), np.eye(3)).position, aligned(held.rotation, self.axis))
+
+    def handle(self, script: Script) -> Handle:
+        """Return what the fingers hold, in the palm."""
+        held = self.in_palm(script)
         centre = held.position + held.rotation @ np.array([0, 0, self.grasp_at])
         return Handle(centre, held.rotation[:, 2], self.radius)
+
+
+class Strokes(NamedTuple):
+    """How the fingers turn things."""
+
+    angle: float
+    """How far they turn it before they grasp again [rad]."""
+    most: int
+    """After so many the operator gives up."""
+    room: float
+    """How far the pads leave it at the end of a stroke [m]."""
+    room_back: float
+    """How far they are off it at the beginning of the next [m]."""
+    press: float = 0.0
+    """How far into the palm frame's minus axis the operator wants it [m]: 100 N/m press it into its seat."""
 
 
 def insert(
     script: Script,
     pose: Callable[[], tuple[Array, Array]],
     goal: Array,
+    palm: Array,
     length: float,
     caught: Callable[[], bool],
     steps: int = 60,
@@ -98,13 +124,14 @@ def insert(
         script: Moves the arm.
         pose: Position [m] and orientation of the held body in the world, z up along it.
         goal: Where the body is once it is in [m]. Shape (3,).
+        palm: Orientation of the level palm. Shape (3, 3).
         length: How far below the body's origin its end is [m].
         caught: Whether it is in.
         steps: How long the operator tries.
         pressing: How many steps longer it presses.
     """
     held = script.in_palm(*pose())
-    upright = made_upright(PALM_DOWN @ held.rotation)
+    upright = aligned(palm @ held.rotation, UP)
     above = goal + np.array([0, 0, 0.035])
     yield from script.glide(*script.palm_for(held, above, upright), 8)
     correction = np.zeros(3)
@@ -121,35 +148,35 @@ def insert(
 
 
 def turn(
-    script: Script, habit: Habit, screw: Screw, stroke: float, strokes: int, press: float = 0.0
+    script: Script, screw: Screw, grip: Callable[[Handle, float, float], Grip], strokes: Strokes
 ) -> Iterator[Command]:
     """Turn something clockwise with the fingers that hold it, stroke by stroke, until it is tight.
 
     Args:
         script: Moves the hand; the palm stands still.
-        habit: How it is held.
         screw: What is turned.
-        stroke: How far the fingers turn it before they grasp again [rad].
-        strokes: After so many the operator gives up.
-        press: How far below where it is the operator wants it [m]: with 100 N/m it presses it down.
+        grip: Returns the grip of a handle with all fingers turned back by an angle [rad], and the room that
+            they leave while open [m].
+        strokes: How far, how often, how carefully.
     """
     hand = script.hand
-    angle = stroke / 2
-    for _ in range(strokes):
-        held = script.in_palm(*screw.pose())
-        hand.lead(held.position - np.array([0, 0, press]), about_z(-angle) @ held.rotation)
+    angle = strokes.angle / 2
+    for _ in range(strokes.most):
+        position, rotation = screw.in_palm(script)
+        hand.lead(position - strokes.press * screw.axis, rotation_matrix(-angle * screw.axis) @ rotation)
         yield from _turn_on(script, screw, screw.turns() + 0.9 * angle / (2 * np.pi))
         if screw.tight():
             yield from script.hold(4)
             return
-        handle = screw.axis(script)
-        end, begin = habit.grip(handle, room=ROOM), habit.grip(handle, stroke / 2)
+        handle = screw.handle(script)
+        end = grip(handle, 0.0, strokes.room)
+        begin = grip(handle, strokes.angle / 2, strokes.room_back)
         hand.let_go()
         for joints, steps in ((end.open, 5), (begin.open, 6), (begin.touch, 6)):
             yield from script.move_hand(joints, steps)
         hand.grip(begin, PRELOAD, FRICTION_SHARE)
         yield from script.wait(lambda: hand.gripped, 5)
-        angle = stroke
+        angle = strokes.angle
 
 
 def _turn_on(script: Script, screw: Screw, goal: float, patience: int = 8) -> Iterator[Command]:
@@ -166,15 +193,10 @@ def _turn_on(script: Script, screw: Screw, goal: float, patience: int = 8) -> It
             since = last
 
 
-def about_z(angle: float) -> Array:
-    """Return the rotation (3, 3) about the z axis by an angle [rad]."""
-    return rotation_matrix(np.array([0.0, 0.0, angle]))
-
-
-def made_upright(rotation: Array) -> Array:
-    """Return the orientation with z along the frame's z axis that is nearest to `rotation`."""
-    axis = np.cross(rotation[:, 2], [0.0, 0.0, 1.0])
-    sine = np.linalg.norm(axis)
+def aligned(rotation: Array, axis: Array) -> Array:
+    """Return the orientation (3, 3) nearest to `rotation` whose z axis is along `axis` (3,)."""
+    normal = np.cross(rotation[:, 2], axis)
+    sine = np.linalg.norm(normal)
     if sine < 1e-9:
         return rotation
-    return rotation_matrix(np.arcsin(min(1.0, sine)) / sine * axis) @ rotation
+    return rotation_matrix(np.arcsin(min(1.0, sine)) / sine * normal) @ rotation
