@@ -10,7 +10,7 @@ from lerobot_dexflex.hand.poses import quaternion_of, quaternion_product
 Pose2 = tuple[float, float, float]
 """Position x, y on the table [m] and yaw [rad]."""
 
-HANDLE_LENGTH, BIT_LENGTH, BIT_RADIUS = 0.12, 0.055, 0.003
+HANDLE_LENGTH, BIT_LENGTH, BIT_RADIUS = 0.13, 0.055, 0.003
 STAND_HEIGHT = 0.060
 """Height of the stand, on which the handle rests, along its lean [m]."""
 PITCH, TURNS = 0.002, 0.5

@@ -16,7 +16,7 @@ from lerobot_dexflex.hand.objects import ObjectSpec
 
 GRASP_AT = 0.087
 """Where along the leg the hand grips, above the shaft's lower end [m]."""
-STROKES = Strokes(angle=0.6, most=10, room=0.03, room_back=0.016)
+STROKES = Strokes(angle=0.6, most=10, room=0.03, room_back=0.016, squeeze=6.0)
 """The leg must not be turned back between strokes: the pads leave it by 3 cm."""
 
 

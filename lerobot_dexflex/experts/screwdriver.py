@@ -7,6 +7,7 @@ import numpy as np
 from lerobot_dexflex.envs.driver_and_screw import BIT_LENGTH, HANDLE_LENGTH
 from lerobot_dexflex.envs.screwdriver import ScrewdriverEnv
 from lerobot_dexflex.experts.command import Array, Command
+from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE
 from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
 from lerobot_dexflex.experts.tool.screwing import UP, Screw, Strokes, aligned, insert, turn
@@ -36,14 +37,15 @@ PALM_FORWARD = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Orientation of the level palm: fingers away from the robot, the index on top."""
 ARM_FORWARD = (0.0, 0.56, 0.05, 0.63, 3.2, 1.5, -1.6)
 """Seed with the flange pointing forward [rad]."""
-GRASP_AT = HANDLE_LENGTH / 2
+GRASP_AT = 0.068
 """Where along the handle the middle finger grips, above its lower end [m]."""
+FINGERS = (0, 1, 2, 3)
 ROOM = 0.024
 """How far from the handle the open pads are [m]."""
 PADS_TURNED, PADS_TURN = np.array([-0.175, -0.175, -0.175, 0.375]), -0.45
 """How the pads are turned about the handle in the middle of a stroke [rad], and that they turn the other way,
 by this share, when they roll it: fingers bend."""
-STROKES = Strokes(angle=1.2, most=10, room=0.012, room_back=0.012, press=0.02)
+STROKES = Strokes(angle=1.2, most=10, room=0.012, room_back=0.012, squeeze=2.0, ahead=0.4, press=0.004)
 """Long strokes; the bit slips in the screw while it is not pressed, so that the pads may stay near."""
 
 
@@ -93,6 +95,7 @@ def demonstrate(env: ScrewdriverEnv, rng: np.random.Generator) -> Iterator[Comma
             lambda: env.tight,
             lambda: env.goal_position,
         )
+        hand.squeeze(STROKES.squeeze, FRICTION_SHARE)
         yield from turn(script, screw, _grip, STROKES)
     hand.keep()
     yield from script.hold(15)
@@ -103,7 +106,7 @@ def _grip(handle: Handle, back: float = 0.0, room: float = ROOM) -> Grip:
     around = -PADS_TURNED + PADS_TURN * back
     beside = np.array([0.0, 0.0, 0.0, 0.002]) - handle.radius * (1 - PADS_TURN) * back
     push = np.array([-1.0, 0.0, 0.0])
-    return grip_handle(handle, ALONG, push, (0, 1, 2, 3), HAND_TOUCH, HAND_IDLE, room, around, beside)
+    return grip_handle(handle, ALONG, push, FINGERS, HAND_TOUCH, HAND_IDLE, room, around, beside)
 
 
 def _toward(position: Array) -> Array:

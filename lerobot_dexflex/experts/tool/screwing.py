@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lerobot_dexflex.experts.command import Array, Command
-from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE
+from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE, LEAD
 from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.hand.arm import rotation_matrix
@@ -18,8 +18,6 @@ THUMB_SHIFT = -0.03
 """By how much the thumb's pad is moved aside per turn of the grip [m/rad]: it rolls on the thing."""
 LEAST_TURN = 0.01
 """Turns in 8 steps below which a stroke has come to its end."""
-PRELOAD = 6.0
-"""Squeeze while screwing [N]: the thread resists."""
 
 
 class Habit(NamedTuple):
@@ -102,6 +100,10 @@ class Strokes(NamedTuple):
     """How far the pads leave it at the end of a stroke [m]."""
     room_back: float
     """How far they are off it at the beginning of the next [m]."""
+    squeeze: float
+    """Squeeze per finger that is wished for while screwing [N]: the thread resists."""
+    ahead: float = LEAD[1]
+    """How far the operator leads it at most [rad]: the fingers push as far ahead."""
     press: float = 0.0
     """How far into the palm frame's minus axis the operator wants it [m]: 100 N/m press it into its seat."""
 
@@ -162,6 +164,8 @@ def turn(
     hand = script.hand
     angle = strokes.angle / 2
     for _ in range(strokes.most):
+        assert hand.operator is not None
+        hand.operator.ahead = LEAD[0], strokes.ahead
         position, rotation = screw.in_palm(script)
         hand.lead(position - strokes.press * screw.axis, rotation_matrix(-angle * screw.axis) @ rotation)
         yield from _turn_on(script, screw, screw.turns() + 0.9 * angle / (2 * np.pi))
@@ -174,7 +178,7 @@ def turn(
         hand.let_go()
         for joints, steps in ((end.open, 5), (begin.open, 6), (begin.touch, 6)):
             yield from script.move_hand(joints, steps)
-        hand.grip(begin, PRELOAD, FRICTION_SHARE)
+        hand.grip(begin, strokes.squeeze, FRICTION_SHARE)
         yield from script.wait(lambda: hand.gripped, 5)
         angle = strokes.angle
 
