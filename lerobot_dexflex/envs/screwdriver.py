@@ -28,7 +28,7 @@ LEAN = (-0.25, 0.25)
 """Range of the stand's lean to the side [rad]."""
 SEATED_DISTANCE, SEATED_TILT = 0.002, np.radians(10)
 """How far the tip of a seated bit is from the middle of the recess's floor [m], and its tilt [rad]."""
-TIGHT = 0.02
+TIGHT = 0.04
 """Turns short of the stop that count as tight: the stop is a spring."""
 
 

@@ -29,7 +29,7 @@ HAND_TOUCH = np.array(
 """All four pads on a handle of 12 mm radius [rad]: where the search for a grip begins."""
 HAND_IDLE = np.array((0.3, 0.0, 0.3, 0.3) * 3 + (1.6, 0.2, 0.8, -0.2))
 """Fingers that take no part are stretched out [rad]."""
-ALONG = np.array([0.043, 0.0, -0.043, 0.002])
+ALONG = np.array([0.043, 0.0, -0.043, 0.018])
 """Where the pads are along the handle, from the middle finger toward the index [m]."""
 AXIS = np.array([0.0, 1.0, 0.0])
 """Along which the handle stands in the level palm."""
@@ -37,15 +37,20 @@ PALM_FORWARD = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Orientation of the level palm: fingers away from the robot, the index on top."""
 ARM_FORWARD = (0.0, 0.56, 0.05, 0.63, 3.2, 1.5, -1.6)
 """Seed with the flange pointing forward [rad]."""
+TRIES = 3
+"""How often the operator turns on if the screw was turned back as the fingers came to rest."""
 GRASP_AT = 0.068
 """Where along the handle the middle finger grips, above its lower end [m]."""
-FINGERS = (0, 1, 2, 3)
+TURNING = (0, 1, 3)
+"""The fingers that turn the driver; the ring finger would slip past the handle's end."""
+FOUR_FINGERS = 0.4
+"""How often the ring finger helps until the fingers grasp again."""
 ROOM = 0.024
 """How far from the handle the open pads are [m]."""
 PADS_TURNED, PADS_TURN = np.array([-0.175, -0.175, -0.175, 0.375]), -0.45
 """How the pads are turned about the handle in the middle of a stroke [rad], and that they turn the other way,
 by this share, when they roll it: fingers bend."""
-STROKES = Strokes(angle=1.2, most=10, room=0.012, room_back=0.012, squeeze=2.0, ahead=0.4, press=0.004)
+STROKES = Strokes(angle=1.4, most=12, room=0.012, room_back=0.012, squeeze=3.0, ahead=0.4, press=0.007)
 """Long strokes; the bit slips in the screw while it is not pressed, so that the pads may stay near."""
 
 
@@ -63,7 +68,8 @@ def demonstrate(env: ScrewdriverEnv, rng: np.random.Generator) -> Iterator[Comma
     script = Script(env, hand, rng, GRASP_CENTRE)
     position, rotation = env.driver_pose
     grasp_point, palm = position + rotation @ at, _toward(position)
-    grip = _grip(Handle(GRASP_CENTRE, palm.T @ rotation[:, 2], episode.handle_radius))
+    handle = Handle(GRASP_CENTRE, palm.T @ rotation[:, 2], episode.handle_radius)
+    grip = _grip(handle, fingers=(0, 1, 2, 3) if rng.random() < FOUR_FINGERS else TURNING)
 
     script.care = 0.5
     hand.go(grip.open, 22)
@@ -96,17 +102,18 @@ def demonstrate(env: ScrewdriverEnv, rng: np.random.Generator) -> Iterator[Comma
             lambda: env.goal_position,
         )
         hand.squeeze(STROKES.squeeze, FRICTION_SHARE)
-        yield from turn(script, screw, _grip, STROKES)
-    hand.keep()
-    yield from script.hold(15)
+        for _ in range(TRIES):
+            yield from turn(script, screw, _grip, STROKES)
+            hand.keep()
+            yield from script.hold(12)
 
 
-def _grip(handle: Handle, back: float = 0.0, room: float = ROOM) -> Grip:
+def _grip(handle: Handle, back: float = 0.0, room: float = ROOM, fingers: tuple[int, ...] = TURNING) -> Grip:
     """Return the grip of a handle whose fingers have rolled it back by an angle [rad] from their middle."""
     around = -PADS_TURNED + PADS_TURN * back
     beside = np.array([0.0, 0.0, 0.0, 0.002]) - handle.radius * (1 - PADS_TURN) * back
     push = np.array([-1.0, 0.0, 0.0])
-    return grip_handle(handle, ALONG, push, FINGERS, HAND_TOUCH, HAND_IDLE, room, around, beside)
+    return grip_handle(handle, ALONG, push, fingers, HAND_TOUCH, HAND_IDLE, room, around, beside)
 
 
 def _toward(position: Array) -> Array:
