@@ -68,7 +68,7 @@ def add_screw(spec: mujoco.MjSpec, pose: Pose2) -> None:
 
 
 def _add_head(screw: mujoco.MjsBody) -> None:
-    """Add the floor of the recess, walls with a chamfer above, one of them red to show the turn, and a neck."""
+    """Add the floor of the recess, walls with a chamfer above, and a neck; a red wall shows the turn."""
     dark, light = (0.35, 0.35, 0.4, 1), (0.6, 0.6, 0.65, 1)
     inside = BIT_RADIUS + _RECESS_GAP
     geoms = [

@@ -10,7 +10,7 @@ from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE
 from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
-from lerobot_dexflex.experts.tool.screwing import UP, Screw, Strokes, aligned, insert, turn
+from lerobot_dexflex.experts.tool.screwing import UP, Screw, Strokes, aligned, grasp_again, insert, turn
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.arm import rotation_matrix
@@ -38,7 +38,7 @@ PALM_FORWARD = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 ARM_FORWARD = (0.0, 0.56, 0.05, 0.63, 3.2, 1.5, -1.6)
 """Seed with the flange pointing forward [rad]."""
 TRIES = 3
-"""How often the operator turns on if the screw was turned back as the fingers came to rest."""
+"""How often the operator grasps again and turns on where the driver or the screw did not stay."""
 GRASP_AT = 0.068
 """Where along the handle the middle finger grips, above its lower end [m]."""
 TURNING = (0, 1, 3)
@@ -105,6 +105,8 @@ def demonstrate(env: ScrewdriverEnv, rng: np.random.Generator) -> Iterator[Comma
         for _ in range(TRIES):
             yield from turn(script, screw, _grip, STROKES)
             hand.keep()
+            yield from script.hold(10)
+            yield from grasp_again(script, screw, _grip, STROKES, 0.0)
             yield from script.hold(12)
 
 

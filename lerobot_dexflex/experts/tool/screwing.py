@@ -8,7 +8,7 @@ import numpy as np
 from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE, LEAD
 from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
-from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
+from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.hand.arm import rotation_matrix
 
 _IDLE = (0.6, -0.3, 0.3, 0.3)
@@ -172,15 +172,21 @@ def turn(
         if screw.tight():
             yield from script.hold(4)
             return
-        handle = screw.handle(script)
-        end = grip(handle, 0.0, strokes.room)
-        begin = grip(handle, strokes.angle / 2, strokes.room_back)
-        hand.let_go()
-        for joints, steps in ((end.open, 5), (begin.open, 6), (begin.touch, 6)):
-            yield from script.move_hand(joints, steps)
-        hand.grip(begin, strokes.squeeze, FRICTION_SHARE)
-        yield from script.wait(lambda: hand.gripped, 5)
+        yield from grasp_again(script, screw, grip, strokes, strokes.angle / 2)
         angle = strokes.angle
+
+
+def grasp_again(
+    script: Script, screw: Screw, grip: Callable[[Handle, float, float], Grip], strokes: Strokes, back: float
+) -> Iterator[Command]:
+    """Let go of what is screwed and grip it again, with all fingers turned back by an angle [rad]."""
+    hand, handle = script.hand, screw.handle(script)
+    end, begin = grip(handle, 0.0, strokes.room), grip(handle, back, strokes.room_back)
+    hand.let_go()
+    for joints, steps in ((end.open, 5), (begin.open, 6), (begin.touch, 6)):
+        yield from script.move_hand(joints, steps)
+    hand.grip(begin, strokes.squeeze, FRICTION_SHARE)
+    yield from script.wait(lambda: hand.gripped, 5)
 
 
 def _turn_on(script: Script, screw: Screw, goal: float, patience: int = 8) -> Iterator[Command]:
