@@ -55,6 +55,7 @@ def add_screw(spec: mujoco.MjSpec, pose: Pose2) -> None:
     turn = screw.add_joint(name="screw_turn", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1))
     turn.frictionloss, turn.armature, turn.damping[0] = SCREW_FRICTION, 2e-4, 0.002
     turn.range, turn.limited, turn.solref_limit = (-2 * np.pi * TURNS, 0.05), True, (2 * robot.TIMESTEP, 1)
+    turn.solref_friction = (2 * robot.TIMESTEP, 1)  # The default creeps below the friction's torque.
     slide = screw.add_joint(name="screw_slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
     slide.armature = 0.05
     coupling = spec.add_equality(
