@@ -145,7 +145,9 @@ def test_a_lifted_bit_lets_go_of_the_screw(env):
     assert env.turns == pytest.approx(turned, abs=0.005)
 
 
-def test_a_tight_screw_is_a_success_after_half_a_second_and_only_with_the_driver_in_the_hand(env, monkeypatch):
+def test_a_tight_screw_is_a_success_after_half_a_second_and_only_with_the_driver_in_the_hand(
+    env, monkeypatch
+):
     info = tighten(env)
     info = twist(env, 0.0, 0.0, 15)
     assert env.tight
