@@ -91,7 +91,7 @@ def _add_head(screw: mujoco.MjsBody) -> None:
         geoms.append(add_wall(screw, f"chamfer{k}", angle, inside, size, light, _RECESS_DEPTH, np.pi / 4))
     for geom in geoms:  # Steel: the default would let the bit sink in by millimetres.
         geom.priority, geom.solref = 1, robot.TIP_SOLREF
-    for wall in geoms[1:]:
+    for wall in geoms[1:]:  # A bit that is wedged in askew is not to turn the screw.
         wall.friction[0] = 0.2
     add_block(screw, "screw_neck", (0.003, 0.003, 0.004), (0, 0, -0.008), dark)
 

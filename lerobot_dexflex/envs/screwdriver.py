@@ -54,7 +54,8 @@ class ScrewdriverEnv(HandEnv):
     """Turn the screw tight; see `HandEnv` for observations and actions.
 
     The screw needs 0.02 N m, sinks 2 mm per clockwise turn and stops after half a turn. The bit turns it by
-    torsional friction on the floor of the recess: 0.02 N m per newton that presses it down.
+    torsional friction on the floor of the recess alone, up to 0.02 N m per newton that presses it down; it
+    is seated within 2 mm and 10 degrees.
     Success: the screw is tight and the driver held by the thumb and a finger, for half a second.
     Dropping the driver, or tilting it by more than 60 degrees, ends the episode.
     """

@@ -14,6 +14,7 @@ from lerobot_dexflex.hand.arm import rotation_matrix
 _IDLE = (0.6, -0.3, 0.3, 0.3)
 _THUMB = (1.369, -0.068, 0.912, -0.924)
 UP = np.array([0.0, 0.0, 1.0])
+"""The axis z, of the world or of the palm."""
 THUMB_SHIFT = -0.03
 """By how much the thumb's pad is moved aside per turn of the grip [m/rad]: it rolls on the thing."""
 LEAST_TURN = 0.01
