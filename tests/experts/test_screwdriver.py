@@ -14,7 +14,7 @@ TASK, SEED = "Screwdriver-v0", 53_003
 
 
 def test_the_operator_succeeds_in_three_of_four_seeds_well_within_the_time_limit():
-    shown = [demonstrate(TASK, seed) for seed in (53_000, 53_003, 53_004, 53_008)]
+    shown = [demonstrate(TASK, seed) for seed in (3, 8, 11, 53_000)]
     assert sum(each.infos[-1]["is_success"] for each in shown) >= 3
     assert np.median([len(each.commands) for each in shown]) < 0.85 * TASKS[TASK].max_episode_steps
     for each in shown:
