@@ -1,11 +1,9 @@
 """The things of AssembleTable: a leg with a stud, its rack, and a table top with a thread that catches."""
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
-from lerobot_dexflex.envs.scene import ContactSurface, add_block
+from lerobot_dexflex.envs.scene import ContactSurface, add_block, add_wall
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.poses import quaternion_of, quaternion_product
 
@@ -35,7 +33,7 @@ def add_rack(spec: mujoco.MjSpec, pose: Pose2, lean: float, leg_radius: float) -
     add_block(rack, "rack_floor", (0.022, 0.022, RACK_FLOOR / 2), (0, 0, RACK_FLOOR / 2), grey)
     inside = leg_radius + _RACK_GAP
     for k in range(4):
-        _add_wall(rack, f"rack_wall{k}", k * np.pi / 2, inside, (0.004, 0.018, 0.020), grey)
+        add_wall(rack, f"rack_wall{k}", k * np.pi / 2, inside, (0.004, 0.018, 0.020), grey)
 
 
 def add_table_top(spec: mujoco.MjSpec, pose: Pose2) -> None:
@@ -49,8 +47,8 @@ def add_table_top(spec: mujoco.MjSpec, pose: Pose2) -> None:
     dark, light = (0.25, 0.25, 0.28, 1), (0.38, 0.38, 0.42, 1)
     for k in range(8):
         angle = k * np.pi / 4
-        _add_wall(top, f"socket{k}", angle, inside, (0.006, 0.0065, rim / 2), dark)
-        _add_wall(top, f"funnel{k}", angle, inside, (0.002, 0.0115, 0.010), light, rim, np.pi / 4)
+        add_wall(top, f"socket{k}", angle, inside, (0.006, 0.0065, rim / 2), dark)
+        add_wall(top, f"funnel{k}", angle, inside, (0.002, 0.0115, 0.010), light, rim, np.pi / 4)
     lamp = spec.worldbody.add_body(name="lamp", pos=(x, y, -LAMP_HEIGHT), mocap=True)
     lamp.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -58,32 +56,6 @@ def add_table_top(spec: mujoco.MjSpec, pose: Pose2) -> None:
         contype=0,
         conaffinity=0,
         rgba=(1.0, 0.9, 0.2, 1),
-    )
-
-
-def _add_wall(
-    body: mujoco.MjsBody,
-    name: str,
-    angle: float,
-    inside: float,
-    size: tuple[float, float, float],
-    rgba: Any,
-    base: float = 0.0,
-    lean: float = 0.0,
-) -> None:
-    """Add a block beside the body's z axis, its inner lower edge `inside` [m] off it and `base` [m] up.
-
-    It stands toward `angle` about z [rad] and leans outward by `lean` [rad].
-    """
-    sin, cos = np.sin(lean), np.cos(lean)
-    distance = inside + size[2] * sin + size[0] * cos
-    height = base + size[2] * cos - size[0] * sin
-    wall = add_block(body, name, size, (distance * np.cos(angle), distance * np.sin(angle), height), rgba)
-    wall.quat = (
-        np.cos(angle / 2) * np.cos(lean / 2),
-        -np.sin(angle / 2) * np.sin(lean / 2),
-        np.cos(angle / 2) * np.sin(lean / 2),
-        np.sin(angle / 2) * np.cos(lean / 2),
     )
 
 

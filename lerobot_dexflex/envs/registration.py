@@ -67,6 +67,13 @@ TASKS = {
         "Move the object in the hand to the goal pose.",
         16,
     ),
+    "Screwdriver-v0": TaskInfo(
+        "lerobot_dexflex.envs.screwdriver:ScrewdriverEnv",
+        500,
+        "Turn the screw tight with the screwdriver.",
+        23,
+        ("held", "lifted", "in the screw", "half turned", "tight", "still held"),
+    ),
 }
 
 

@@ -106,6 +106,33 @@ def ball_states(data: mujoco.MjData, n: int) -> tuple[NDArray[np.float64], NDArr
     return positions, np.array([float(np.linalg.norm(data.joint(f"ball{k}").qvel[:3])) for k in range(n)])
 
 
+def add_wall(
+    body: mujoco.MjsBody,
+    name: str,
+    angle: float,
+    inside: float,
+    size: tuple[float, float, float],
+    rgba: Any,
+    base: float = 0.0,
+    lean: float = 0.0,
+) -> mujoco.MjsGeom:
+    """Add a block beside the body's z axis, its inner lower edge `inside` [m] off it and `base` [m] up.
+
+    It stands toward `angle` about z [rad] and leans outward by `lean` [rad].
+    """
+    sin, cos = np.sin(lean), np.cos(lean)
+    distance = inside + size[2] * sin + size[0] * cos
+    height = base + size[2] * cos - size[0] * sin
+    wall = add_block(body, name, size, (distance * np.cos(angle), distance * np.sin(angle), height), rgba)
+    wall.quat = (
+        np.cos(angle / 2) * np.cos(lean / 2),
+        -np.sin(angle / 2) * np.sin(lean / 2),
+        np.cos(angle / 2) * np.sin(lean / 2),
+        np.sin(angle / 2) * np.cos(lean / 2),
+    )
+    return wall
+
+
 def add_camera(spec: mujoco.MjSpec, name: str, position: Vector3, target: Vector3, fovy: float) -> None:
     """Add a fixed camera at `position` looking at `target` (world frame [m]), field of view [deg]."""
     _look_at(spec.worldbody, name, position, target, (0.0, 0.0, 1.0), fovy)

@@ -12,6 +12,7 @@ _EXPERTS = {
     "HammerNail-v0": "lerobot_dexflex.experts.hammer_nail:demonstrate",
     "PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate",
     "PourCup-v0": "lerobot_dexflex.experts.pour_cup:demonstrate",
+    "Screwdriver-v0": "lerobot_dexflex.experts.screwdriver:demonstrate",
 }
 
 

@@ -1,74 +1,23 @@
 """Demonstrate AssembleTable: grip the leaning leg, right it in the hand, insert, screw with the fingers."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
 from lerobot_dexflex.envs.assemble_table import ARM_START, AssembleTableEnv
 from lerobot_dexflex.envs.leg_and_socket import LEG_LENGTH, STUD_LENGTH
-from lerobot_dexflex.experts.command import Array, Command
-from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE
-from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
+from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.screwing import HABITS, UP, Screw, Strokes, aligned, insert, turn
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
-from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.objects import ObjectSpec
 
-_IDLE = (0.6, -0.3, 0.3, 0.3)
-_THUMB = (1.369, -0.068, 0.912, -0.924)
-
-
-class Habit(NamedTuple):
-    """Thumb opposite a shallow V of two neighbouring fingers."""
-
-    fingers: tuple[int, ...]
-    """Which take part, as indices into `FINGERS`."""
-    centre: Array
-    """Point on the leg's axis between the pads, palm frame [m]; the leg runs along palm z in the end."""
-    touch: Array
-    """The pads on a leg of 12 mm radius [rad] (16,): where the search for a grip begins."""
-
-    def grip(self, leg: Handle, turn: float = 0.0, room: float = 0.016) -> Grip:
-        """Return the grip of a leg with all fingers turned about it by `turn` [rad]."""
-        first = self.fingers[0]
-        around = np.roll([0.29, -0.155, 0.0, 0.0], first) + np.array([0.0, 0.0, 0.0, 0.069])
-        beside = np.roll([-0.0105, 0.0105, 0.0, 0.0], first)  # Of the pads' middles.
-        beside[3] = THUMB_SHIFT * turn
-        push = np.array([-1.0, 0.0, 0.0])
-        return grip_handle(
-            leg, np.zeros(4), push, self.fingers, self.touch, self.touch, room, around + turn, beside
-        )
-
-
-HABITS = (
-    Habit(
-        (0, 1, 3),
-        np.array([-0.0230, 0.0242, -0.1247]),
-        np.array((1.066, -0.533, 0.917, -0.316, 1.752, -0.630, -0.457, 0.194, *_IDLE, *_THUMB)),
-    ),
-    Habit(
-        (1, 2, 3),
-        np.array([-0.0230, -0.0212, -0.1247]),
-        np.array((*_IDLE, 1.066, -0.533, 0.917, -0.316, 1.752, -0.630, -0.457, 0.194, *_THUMB)),
-    ),
-)
-"""How legs are held: those that lean toward the robot between thumb, index and middle, others beside them."""
 GRASP_AT = 0.087
 """Where along the leg the hand grips, above the shaft's lower end [m]."""
-STROKE = 0.6
-"""How far the fingers turn the leg before they grasp again [rad]."""
-ROOM = 0.03
-"""How far the pads leave the leg between strokes [m]: the leg must not be turned back."""
-THUMB_SHIFT = -0.03
-"""By how much the thumb's pad is moved aside per turn of the grip [m/rad]: it rolls on the leg."""
-LEAST_TURN = 0.01
-"""Turns in 8 steps below which a stroke has come to its end."""
-SCREW_PRELOAD = 6.0
-"""Squeeze while screwing [N]: the thread resists."""
-STROKES = 10
-"""After so many the operator gives up."""
+STROKES = Strokes(angle=0.6, most=10, room=0.03, room_back=0.016, squeeze=6.0)
+"""The leg must not be turned back between strokes: the pads leave it by 3 cm."""
 
 
 def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Command]:
@@ -94,7 +43,7 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     script.care = 0.12
     yield from script.take(grip, grasp_point, PALM_DOWN, 18)
     yield from script.glide(script.position + 0.03 * rotation[:, 2], PALM_DOWN, 8)
-    straight = _made_upright(script.in_palm(*env.leg_pose).rotation)
+    straight = aligned(script.in_palm(*env.leg_pose).rotation, UP)
     held = Pose(habit.centre - straight @ at, straight)
     hand.lead(*held)
     yield from script.glide(script.position + np.array([0, 0, 0.05]), PALM_DOWN, 14)
@@ -105,84 +54,17 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     yield from script.wait(lambda: hand.there, 20)
     hand.keep()
     script.care = 0.08
-    yield from _insert(env, script)
-    yield from _screw(env, script, habit)
+    yield from insert(
+        script, lambda: env.leg_pose, env.goal_position, PALM_DOWN, STUD_LENGTH, lambda: env.caught
+    )
+    if env.caught:
+        radius = episode.leg_radius
+        leg = Screw(lambda: env.leg_pose, UP, GRASP_AT, radius, lambda: env.turns, lambda: env.lit)
+        yield from turn(script, leg, habit.grip, STROKES)
     script.care = 0.3
     hand.let_go()
-    upright = habit.grip(Handle(habit.centre, np.array([0.0, 0.0, 1.0]), episode.leg_radius))
+    upright = habit.grip(Handle(habit.centre, UP, episode.leg_radius))
     yield from script.move_hand(upright.open, 8)
     hand.relax(25, after=5)
     yield from script.glide(script.position + np.array([0, 0, 0.12]), script.rotation, 17)
     yield from script.hold(15)
-
-
-def _insert(env: AssembleTableEnv, script: Script, steps: int = 60, pressing: int = 6) -> Iterator[Command]:
-    """Lower the stud into the socket, steered by its measured tip, until the thread has caught it safely.
-
-    Pressing on for a few steps lets also those who repeat the motion less exactly catch the thread.
-    """
-    held = script.in_palm(*env.leg_pose)
-    upright = _made_upright(PALM_DOWN @ held.rotation)
-    above = env.goal_position + np.array([0, 0, 0.035])
-    yield from script.glide(*script.palm_for(held, above, upright), 8)
-    correction = np.zeros(3)
-    for k in range(1, steps + 1):
-        position, rotation = env.leg_pose
-        beside = env.goal_position - (position - STUD_LENGTH * rotation[:, 2])
-        if not env.caught:
-            correction[:2] = np.clip(correction[:2] + 0.15 * beside[:2], -0.006, 0.006)
-        height = np.array([0, 0, max(0.035 - 0.0015 * k, -0.006)])
-        yield script.step(*script.palm_for(held, env.goal_position + height + correction, upright))
-        pressing -= env.caught
-        if pressing < 0:
-            return
-
-
-def _screw(env: AssembleTableEnv, script: Script, habit: Habit) -> Iterator[Command]:
-    """Turn the leg clockwise with the fingers, stroke by stroke, until it lights."""
-    hand, radius = script.hand, env.episode.leg_radius
-    stroke = STROKE / 2
-    for _ in range(STROKES if env.caught else 0):
-        held = script.in_palm(*env.leg_pose)
-        hand.lead(held.position, _about_z(-stroke) @ held.rotation)
-        yield from _turn(env, script, env.turns + 0.9 * stroke / (2 * np.pi))
-        if env.lit:
-            yield from script.hold(4)
-            return
-        axis = script.in_palm(*env.leg_pose)
-        centre = axis.position + axis.rotation @ np.array([0, 0, GRASP_AT])
-        handle = Handle(centre, axis.rotation[:, 2], radius)
-        end, begin = habit.grip(handle, room=ROOM), habit.grip(handle, STROKE / 2)
-        hand.let_go()
-        for joints, steps in ((end.open, 5), (begin.open, 6), (begin.touch, 6)):
-            yield from script.move_hand(joints, steps)
-        hand.grip(begin, SCREW_PRELOAD, FRICTION_SHARE)
-        yield from script.wait(lambda: hand.gripped, 5)
-        stroke = STROKE
-
-
-def _turn(env: AssembleTableEnv, script: Script, goal: float, patience: int = 8) -> Iterator[Command]:
-    """Let the fingers turn the leg until it lights or has so many turns, or until it turns no more."""
-    since = last = env.turns
-    for k in range(1, 31):
-        yield from script.hold(1)
-        last = env.turns
-        if env.lit or last > goal:
-            return
-        if k % patience == 0:
-            if last - since < LEAST_TURN:
-                return
-            since = last
-
-
-def _about_z(angle: float) -> Array:
-    return rotation_matrix(np.array([0.0, 0.0, angle]))
-
-
-def _made_upright(rotation: Array) -> Array:
-    """Return the orientation with z along the frame's z axis that is nearest to `rotation`."""
-    axis = np.cross(rotation[:, 2], [0.0, 0.0, 1.0])
-    sine = np.linalg.norm(axis)
-    if sine < 1e-9:
-        return rotation
-    return rotation_matrix(np.arcsin(min(1.0, sine)) / sine * axis) @ rotation

@@ -9,7 +9,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.hand import kernels
 
-EXPERTS = ("AssembleTable-v0", "PlaceHammer-v0", "PourCup-v0")
+EXPERTS = ("AssembleTable-v0", "PlaceHammer-v0", "PourCup-v0", "Screwdriver-v0")
 
 
 @pytest.fixture(params=EXPERTS)

@@ -91,7 +91,7 @@ class Operator:
 
     def __init__(self, senses: ObjectSenses, rng: np.random.Generator, strength: float = 1.0) -> None:
         self.senses, self._rng = senses, rng
-        self.speed, self.preload, self.strength = SPEED, PRELOAD, strength
+        self.speed, self.ahead, self.preload, self.strength = SPEED, LEAD, PRELOAD, strength
         self.friction_share = FRICTION_SHARE
         self.load: Array = np.zeros(6)
         """Expected force [N] and torque [N m] of the world on the object, palm frame. Shape (6,)."""
@@ -256,8 +256,8 @@ class Operator:
         position = position + shortened(_EAGERNESS * (self.goal[0] - position), pace * self.speed[0])
         turn = shortened(_EAGERNESS * rotation_between(quaternion, self.goal[1]), pace * self.speed[1])
         quaternion = quaternion_product(quaternion_of(turn), quaternion)
-        offset = shortened(position - now.position, LEAD[0])
-        turned = shortened(rotation_between(now.quaternion, quaternion), LEAD[1])
+        offset = shortened(position - now.position, self.ahead[0])
+        turned = shortened(rotation_between(now.quaternion, quaternion), self.ahead[1])
         self.fingers.reference = (
             now.position + offset,
             quaternion_product(quaternion_of(turned), now.quaternion),

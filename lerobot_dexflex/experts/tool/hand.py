@@ -60,11 +60,17 @@ class OperatorHand:
             preload: Internal squeeze per finger that is wished for [N]; None leaves the margin's.
             friction_share: Share of the friction that the forces may use; None leaves the margin.
         """
-        operator = Operator(self.senses, self._rng)
-        operator.friction_share = 1.0 / self._margin if friction_share is None else friction_share
-        operator.preload = PRELOAD * self._margin if preload is None else preload
-        operator.expect(grip.inward, self.senses.read())
-        self.operator = operator
+        self.operator = Operator(self.senses, self._rng)
+        self.squeeze(
+            PRELOAD * self._margin if preload is None else preload,
+            1.0 / self._margin if friction_share is None else friction_share,
+        )
+        self.operator.expect(grip.inward, self.senses.read())
+
+    def squeeze(self, preload: float, friction_share: float) -> None:
+        """Grip the tool harder or less hard; the arguments are those of `grip`."""
+        assert self.operator is not None
+        self.operator.preload, self.operator.friction_share = preload, friction_share
 
     def let_go(self) -> None:
         """Lead all fingers freely again, from where they are."""
