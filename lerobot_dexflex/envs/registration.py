@@ -61,6 +61,13 @@ TASKS = {
         "Move the object in the hand to the goal pose.",
         16,
     ),
+    "SpatulaServe-v0": TaskInfo(
+        "lerobot_dexflex.envs.spatula_serve:SpatulaServeEnv",
+        400,
+        "Pick up the spatula, lift the patty off the griddle and serve it on the plate.",
+        23,
+        ("held", "lifted", "under the patty", "patty lifted", "over the plate", "served"),
+    ),
 }
 
 

@@ -11,6 +11,7 @@ _EXPERTS = {
     "BrushSweep-v0": "lerobot_dexflex.experts.brush_sweep:demonstrate",
     "PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate",
     "PourCup-v0": "lerobot_dexflex.experts.pour_cup:demonstrate",
+    "SpatulaServe-v0": "lerobot_dexflex.experts.spatula_serve:demonstrate",
 }
 
 
