@@ -11,7 +11,7 @@ HANDLE_HALF_DEPTH, HANDLE_HALF_LENGTH = 0.008, 0.068
 along it to the blade, x up."""
 BLADE_TOP, BLADE_HALF_WIDTH = -0.038, 0.035
 """Height of the blade's upper face, along x, and half its width along y [m]: below the fingertips."""
-BLADE_START, BLADE_BEND, BLADE_END = 0.078, 0.138, 0.158
+BLADE_START, BLADE_BEND, BLADE_END = 0.078, 0.130, 0.150
 """Where the blade begins, bends down and ends along z [m]."""
 BEVEL = np.radians(8)
 """Slope of the blade's front, beyond the bend [rad]."""

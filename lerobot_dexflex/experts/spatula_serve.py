@@ -8,7 +8,15 @@ from lerobot_dexflex.envs.spatula import BLADE_TOP
 from lerobot_dexflex.envs.spatula_serve import PLATE_HEIGHT, SpatulaServeEnv
 from lerobot_dexflex.experts.command import Array, Command, min_jerk
 from lerobot_dexflex.experts.tool.script import Pose, Script
-from lerobot_dexflex.experts.tool.spatula import STRAIGHT, arm_at, spatula_at, spatula_script, take_spatula
+from lerobot_dexflex.experts.tool.spatula import (
+    GRASP_CENTRE,
+    STRAIGHT,
+    arm_at,
+    spatula_at,
+    spatula_script,
+    take_spatula,
+)
+from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 
 PRESS = 0.002
@@ -25,6 +33,10 @@ CARRY_RAISED = 0.06
 """Pitch of the spatula while it carries the patty [rad]."""
 TIP_RAISED = -0.5
 """Pitch of the spatula while the patty slides off [rad]."""
+TIP = rotation_matrix(np.array([-0.25, 0.0, 0.0]))
+"""What of that the fingers turn, in the palm frame."""
+TIPPED = Pose(GRASP_CENTRE + TIP @ (STRAIGHT.position - GRASP_CENTRE), TIP @ STRAIGHT.rotation)
+"""How the spatula is held then, palm frame."""
 DROP_AHEAD = 0.01
 """Where the edge tips, from the plate's centre away from the robot [m]."""
 
@@ -88,8 +100,10 @@ def _serve(env: SpatulaServeEnv, script: Script) -> Iterator[Command]:
     held = script.in_palm(*env.spatula_pose)
     yield from script.glide(*script.palm_for(held, *blade_at(DROP_AHEAD, 0.015, CARRY_RAISED)), 14)
     script.care = 0.08
+    script.hand.lead(*TIPPED)
     for raised in np.linspace(CARRY_RAISED, TIP_RAISED, 25)[1:]:
         _carry(env, script)
+        held = script.in_palm(*env.spatula_pose)
         yield script.step(*script.palm_for(held, *blade_at(DROP_AHEAD, 0.004, raised)))
     yield from script.hold(4)
     script.hand.brace(np.zeros(3), np.zeros(3))
