@@ -88,14 +88,14 @@ class SpatulaServeEnv(HandEnv):
     def _sample_episode(self, rng: np.random.Generator) -> SpatulaEpisode:
         return SpatulaEpisode(
             handle_half_width=rng.uniform(0.009, 0.014),
-            mass=rng.uniform(0.04, 0.07),
+            mass=rng.uniform(0.04, 0.06),
             tip_friction=rng.uniform(0.8, 1.2),
             blade_friction=rng.uniform(0.2, 0.3),
             stand=(rng.uniform(0.42, 0.45), rng.uniform(0.20, 0.23), rng.uniform(-0.3, 0.3)),
             spatula_yaw=rng.normal(scale=0.02),
             griddle=(rng.uniform(0.66, 0.69), rng.uniform(-0.02, 0.03), rng.uniform(-0.2, 0.2)),
             patty_radius=rng.uniform(0.032, 0.036),
-            patty_mass=rng.uniform(0.03, 0.05),
+            patty_mass=rng.uniform(0.03, 0.045),
             patty=(rng.uniform(0.001, 0.03), rng.uniform(-0.015, 0.015), rng.uniform(-np.pi, np.pi)),
             plate=(rng.uniform(0.58, 0.62), rng.uniform(-0.26, -0.22)),
             arm_noise=tuple(rng.normal(scale=0.03, size=len(robot.ARM_JOINTS))),
@@ -152,19 +152,26 @@ class SpatulaServeEnv(HandEnv):
         body = self.data.body(name)
         return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
 
+    def _patty_touches_spatula(self) -> bool:
+        """Say whether they touch, however lightly: a patty weighs little at each of its many contacts."""
+        bodies = self.model.geom_bodyid[self.data.contact.geom]
+        pair = sorted((self.model.body("patty").id, self.model.body("spatula").id))
+        return bool((np.sort(bodies, axis=1) == pair).all(1).any())
+
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "spatula")
         below = contact_names(self.model, self.data, "patty")
         holding = pinched(touching)
         height, across, along = self.patty_on_spatula()
-        on_blade = "spatula" in below and 0 < height - BLADE_TOP < 2 * PATTY_HALF_HEIGHT
+        touched = self._patty_touches_spatula()
+        on_blade = touched and 0 < height - BLADE_TOP < 2 * PATTY_HALF_HEIGHT
         on_blade &= abs(across) < BLADE_HALF_WIDTH and BLADE_START < along < BLADE_END
         patty, tilt = self.patty_pose
         lifted = on_blade and patty[2] > GRIDDLE_HEIGHT + PATTY_HALF_HEIGHT + LIFTED
         over_plate = np.linalg.norm(patty[:2] - self.episode.plate) < PLATE_RADIUS
         at_rest = np.linalg.norm(self.data.joint("patty").qvel[:3]) < 0.02
         flat = abs(tilt[2, 2]) > np.cos(MOST_TILTED)
-        served = holding and over_plate and at_rest and flat and below == {"plate"}
+        served = holding and over_plate and at_rest and flat and below == {"plate"} and not touched
         lying = self.spatula_pose[0][2] < LYING
         in_stand = any(name.startswith("stand") for name in touching)
         stages = (

@@ -6,7 +6,7 @@ import numpy as np
 
 from lerobot_dexflex.envs.spatula import BLADE_TOP
 from lerobot_dexflex.envs.spatula_serve import PLATE_HEIGHT, SpatulaServeEnv
-from lerobot_dexflex.experts.command import Array, Command, min_jerk
+from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.experts.tool.spatula import (
     GRASP_CENTRE,
@@ -25,8 +25,8 @@ SCOOP_RAISED = -0.06
 """Pitch of the spatula while it scoops [rad]."""
 RUN_UP = 0.025
 """How far behind the patty the edge comes down, in motion [m]."""
-SCOOP_SPEED = 0.004
-"""Mean speed of scooping [m] per control step."""
+SCOOP_SPEED = 0.003
+"""Speed of scooping [m] per control step: the rim is not to be hit hard."""
 SCRAPE = np.array([0.0, -0.4, 0.3])
 """Force of the griddle on the edge that the hand braces for, palm frame while scooping [N]."""
 CARRY_RAISED = 0.06
@@ -73,12 +73,11 @@ def _scoop(env: SpatulaServeEnv, script: Script) -> Iterator[Command]:
     script.hand.brace(SCRAPE, np.array([BLADE_TOP, 0.0, 0.15]))
     way = -0.004 - (start - RUN_UP)
     steps = round(way / SCOOP_SPEED)
-    for k in range(1, steps + 1):
-        gone = min_jerk(k / steps) * way
+    for gone in np.linspace(0, way, steps + 1)[1:]:
         height = 0.01 * np.clip(1 - gone / RUN_UP, 0, 1) - PRESS
         yield script.step(*script.palm_for(held, *blade_at(start - RUN_UP + gone, height)))
     _carry(env, script)
-    yield from script.hold(3)
+    yield from script.hold(5)
     held = script.in_palm(*env.spatula_pose)
     yield from script.glide(*script.palm_for(held, *blade_at(-0.008, 0.01, CARRY_RAISED)), 10)
     yield from script.glide(*script.palm_for(held, *blade_at(-0.02, 0.08, CARRY_RAISED)), 14)
