@@ -43,6 +43,8 @@ LIFTED = 0.02
 
 _GRIDDLE_HALF_SIZE = (0.07, 0.065)
 _CORNERS = 8
+_BENDING = (0.06, 1.0)
+"""Contact of the blade's edge with griddle and plate: as soft as a blade that bends."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,9 @@ class SpatulaServeEnv(HandEnv):
         )
         add_spatula(spec, episode.handle_half_width, episode.mass, episode.blade_friction)
         _add_patty(spec, episode.patty_radius, episode.patty_mass)
+        for ground in ("griddle", "plate"):
+            pair = spec.add_pair(geomname1="blade_front", geomname2=ground, condim=3)
+            pair.friction[:2], pair.solref = episode.blade_friction, _BENDING
         return spec
 
     def _initialise(self, episode: SpatulaEpisode) -> None:

@@ -19,7 +19,7 @@ from lerobot_dexflex.experts.tool.spatula import (
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 
-PRESS = 0.002
+PRESS = 0.001
 """How deep the edge is led into the griddle [m]."""
 SCOOP_RAISED = -0.06
 """Pitch of the spatula while it scoops [rad]."""
@@ -27,7 +27,7 @@ RUN_UP = 0.025
 """How far behind the patty the edge comes down, in motion [m]."""
 SCOOP_SPEED = 0.003
 """Speed of scooping [m] per control step: the rim is not to be hit hard."""
-SCRAPE = np.array([0.0, -0.4, 0.3])
+SCRAPE = np.array([0.0, -0.2, 0.1])
 """Force of the griddle on the edge that the hand braces for, palm frame while scooping [N]."""
 CARRY_RAISED = 0.06
 """Pitch of the spatula while it carries the patty [rad]."""
