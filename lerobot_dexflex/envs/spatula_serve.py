@@ -1,4 +1,4 @@
-"""SpatulaServe: take a spatula from its stand, scoop the patty off the griddle, let it slide onto the plate."""
+"""SpatulaServe: take a spatula, scoop the patty off the griddle and let it slide onto the plate."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -114,7 +114,7 @@ class SpatulaServeEnv(HandEnv):
             PLATE_HEIGHT / 2,
         )
         add_spatula(spec, episode.handle_half_width, episode.mass, episode.blade_friction)
-        _add_patty(spec, episode.patty_radius, episode.patty_mass)
+        add_patty(spec, episode.patty_radius, episode.patty_mass)
         for ground in ("griddle", "plate"):
             pair = spec.add_pair(geomname1="blade_front", geomname2=ground, condim=3)
             pair.friction[:2], pair.solref = episode.blade_friction, _BENDING
@@ -209,7 +209,7 @@ def _add_griddle(spec: mujoco.MjSpec, place: tuple[float, float, float]) -> None
     add_block(griddle, "griddle_rim", (0.003, width, rim), (0.003, 0, rim - GRIDDLE_HEIGHT), dark)
 
 
-def _add_patty(spec: mujoco.MjSpec, radius: float, mass: float) -> None:
+def add_patty(spec: mujoco.MjSpec, radius: float, mass: float) -> None:
     """Add a disc with a ring of capsules as its round edge."""
     body = spec.worldbody.add_body(name="patty")
     body.add_freejoint(name="patty")
@@ -229,7 +229,9 @@ def _add_patty(spec: mujoco.MjSpec, radius: float, mass: float) -> None:
         )
 
 
-def _add_disc(body: mujoco.MjsBody, name: str, radius: float, half_height: float, rgba: Any) -> mujoco.MjsGeom:
+def _add_disc(
+    body: mujoco.MjsBody, name: str, radius: float, half_height: float, rgba: Any
+) -> mujoco.MjsGeom:
     return body.add_geom(
         name=name,
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,

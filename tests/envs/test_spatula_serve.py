@@ -7,20 +7,24 @@ import numpy as np
 import pytest
 
 from lerobot_dexflex.envs import spatula_serve
-from lerobot_dexflex.envs.spatula import BLADE_START, BLADE_TOP, EDGE
+from lerobot_dexflex.envs.spatula import BLADE_START, BLADE_TOP, EDGE, add_spatula
 from lerobot_dexflex.envs.spatula_serve import (
     PATTY_HALF_HEIGHT,
     PLATE_HEIGHT,
     PLATE_RADIUS,
     SpatulaServeEnv,
+    add_patty,
 )
 from lerobot_dexflex.experts.tool.script import Pose
 from lerobot_dexflex.experts.tool.spatula import spatula_at
+from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import rotation_matrix
 
 SEED = 7
 ON_BLADE = np.array([BLADE_TOP + PATTY_HALF_HEIGHT, 0.0, BLADE_START + 0.04])
 """A patty's centre on the blade, in the spatula's frame [m]."""
+LYING = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+"""How it is turned there: its axis is the spatula's x."""
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +55,9 @@ def place(env: SpatulaServeEnv, body: str, position, rotation: np.ndarray | None
 
 
 def lead(env: SpatulaServeEnv, pose_at: Callable[[float], Pose], seconds: float) -> None:
-    """Lead the spatula along a path of poses, phase 0 to 1, as if nothing could stop it."""
+    """Lead the spatula along a path of poses, phase 0 to 1: weightless, and too heavy to be stopped."""
+    body = env.model.body("spatula")
+    env.model.body_gravcomp[body.id], body.mass[:], body.inertia[:] = 1, 100, 10
     dt, before = env.model.opt.timestep, pose_at(0.0).position
     steps = round(seconds / dt)
     for k in range(steps):
@@ -101,7 +107,7 @@ def test_a_blade_pushed_along_the_griddle_gets_below_the_patty(env, held, seed):
     assert env._update()["progress"] == pytest.approx(3 / 6)
     height, across, along = env.patty_on_spatula()
     assert height - BLADE_TOP == pytest.approx(PATTY_HALF_HEIGHT, abs=0.002)
-    assert abs(across) < 0.005
+    assert abs(across) < 0.008
     assert along - env.episode.patty_radius > BLADE_START
     position, rotation = env.spatula_pose
     lead(env, lambda phase: Pose(position + np.array([0, 0, 0.05 * phase]), rotation), 0.5)
@@ -122,15 +128,24 @@ def test_a_blade_that_comes_too_high_does_not(env, held):
     assert env._update()["progress"] < 3 / 6
 
 
-def test_the_patty_slides_off_the_blade_as_its_friction_asks(env):
-    env.reset(seed=SEED)
-    slope = np.arctan(env.episode.blade_friction)
-    for pitch, slides in ((0.8 * slope, False), (1.2 * slope, True)):
-        # The plate of the blade, not its sloping front, is at this pitch.
-        pose = spatula_at(np.array([0.4, -0.4, 0.2]), 0.0, -pitch)
-        place(env, "patty", pose.position + pose.rotation @ ON_BLADE, pose.rotation)
-        lead(env, lambda phase, pose=pose: pose, 0.6)
-        assert (env.patty_on_spatula()[2] > ON_BLADE[2] + 0.02) == slides
+@pytest.mark.parametrize(("steeper", "slides"), [(0.8, False), (1.2, True)])
+def test_the_patty_slides_off_a_fixed_blade_as_its_friction_asks(steeper, slides):
+    friction, spec = 0.25, robot.base_spec()
+    add_spatula(spec, 0.01, 0.05, friction)
+    add_patty(spec, 0.034, 0.04)
+    spec.delete(spec.joint("spatula"))
+    pose = spatula_at(np.array([0.0, 0.0, 0.5]), 0.0, -steeper * np.arctan(friction))
+    spec.body("spatula").pos = pose.position
+    mujoco.mju_mat2Quat(quaternion := np.zeros(4), pose.rotation.ravel())
+    spec.body("spatula").quat = quaternion
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mju_mat2Quat(quaternion, (pose.rotation @ LYING).ravel())
+    data.qpos[:] = (*(pose.position + pose.rotation @ ON_BLADE), *quaternion)
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+    moved = pose.rotation.T @ (data.qpos[:3] - pose.position) - ON_BLADE
+    assert (moved[2] > 0.02) == slides
 
 
 def test_a_patty_on_the_plate_and_the_spatula_held_is_a_success_after_half_a_second(env, held):
@@ -165,7 +180,7 @@ def test_a_patty_that_still_lies_on_the_spatula_is_not_served(env, held):
     x, y = env.episode.plate
     pose = spatula_at(np.array([x + 0.03, y, PLATE_HEIGHT + 0.0002]), 0.0, 0.0)
     place(env, "spatula", *pose)
-    place(env, "patty", pose.position + pose.rotation @ (ON_BLADE + (0.0005, 0, 0)), pose.rotation)
+    place(env, "patty", pose.position + pose.rotation @ ON_BLADE, pose.rotation @ LYING)
     lead(env, lambda phase: pose, 0.5)
     env.memory.clear()
     for _ in range(12):

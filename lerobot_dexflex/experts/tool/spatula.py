@@ -1,4 +1,4 @@
-"""How the operator takes a spatula from its stand, and where it holds it; shared by the tasks that use one."""
+"""How the operator takes a spatula from its stand and where it holds it; shared by tasks."""
 
 from collections.abc import Iterator
 
@@ -40,8 +40,7 @@ ROOM = 0.024
 FOUR_FINGERS = 0.6
 """How often the middle finger takes part."""
 SQUEEZE = 4.5
-"""Squeeze per finger that is wished for whatever the margin [N]: fingers that hardly press are lost as the blade
-scrapes."""
+"""Squeeze per finger that is wished for whatever the margin [N]: scraping shakes off what hardly presses."""
 FLEXED_DOWN = (-0.35, 0.0, 0.95, 0.0, 1.3)
 """Joints 2 to 6 of the arm with the palm down over the table [rad]."""
 
