@@ -191,7 +191,7 @@ def anchors(text):
         ("README.md", 1000),
         ("docs/controller.md", 1000),
         ("docs/benchmark.md", 1100),
-        ("docs/tasks.md", 1150),
+        ("docs/tasks.md", 1350),
         ("docs/datasets.md", 1000),
         ("docs/training.md", 1000),
         ("docs/streams.md", 500),
