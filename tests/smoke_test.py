@@ -12,11 +12,13 @@ from lerobot.envs import EnvConfig
 from lerobot.teleoperators import TeleoperatorConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
+from lerobot_dexflex.envs.registration import TASKS
+
 register_third_party_plugins()
 assert "dexflex_flow" in PreTrainedConfig.get_known_choices(), "LeRobot did not discover the policy"
 assert "dexflex" in EnvConfig.get_known_choices(), "LeRobot did not discover the environment"
 assert "dexflex_glove" in TeleoperatorConfig.get_known_choices(), "LeRobot did not discover the teleoperator"
-for task in ("AssembleTable-v0", "BrushSweep-v0", "PlaceHammer-v0", "PourCup-v0", "Reach-v0"):
+for task in TASKS:
     assert f"lerobot_dexflex/{task}" in gymnasium.registry, f"{task} is not registered"
 
 for name in ("lerobot_dexflex", "lerobot_policy_dexflex"):

@@ -74,6 +74,13 @@ TASKS = {
         23,
         ("held", "lifted", "in the screw", "half turned", "tight", "still held"),
     ),
+    "SpatulaServe-v0": TaskInfo(
+        "lerobot_dexflex.envs.spatula_serve:SpatulaServeEnv",
+        400,
+        "Pick up the spatula, lift the patty off the griddle and serve it on the plate.",
+        23,
+        ("held", "lifted", "under the patty", "patty lifted", "over the plate", "served"),
+    ),
 }
 
 

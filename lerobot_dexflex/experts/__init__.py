@@ -13,6 +13,7 @@ _EXPERTS = {
     "PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate",
     "PourCup-v0": "lerobot_dexflex.experts.pour_cup:demonstrate",
     "Screwdriver-v0": "lerobot_dexflex.experts.screwdriver:demonstrate",
+    "SpatulaServe-v0": "lerobot_dexflex.experts.spatula_serve:demonstrate",
 }
 
 

@@ -21,6 +21,7 @@ MAX_STEPS = {
     "PourCup-v0": 400,
     "Reach-v0": 200,
     "Screwdriver-v0": 500,
+    "SpatulaServe-v0": 400,
 }
 
 
@@ -62,6 +63,13 @@ RANGES = {
     "PlaceHammer-v0": {"mass": (0.06, 0.16), "handle_radius": (0.010, 0.015), "tip_friction": (0.8, 1.2)},
     "PourCup-v0": {"mass": (0.05, 0.10), "handle_half_width": (0.008, 0.013), "tip_friction": (0.8, 1.2)},
     "Screwdriver-v0": {"mass": (0.04, 0.08), "handle_radius": (0.011, 0.014), "tip_friction": (0.8, 1.2)},
+    "SpatulaServe-v0": {
+        "mass": (0.04, 0.06),
+        "patty_mass": (0.03, 0.045),
+        "handle_half_width": (0.009, 0.014),
+        "tip_friction": (0.8, 1.2),
+        "blade_friction": (0.2, 0.3),
+    },
 }
 """What docs/tasks.md says of masses [kg], sizes [m] and friction."""
 

@@ -103,11 +103,13 @@ class Script:
         self.hand.go(joints, steps)
         yield from self.hold(steps)
 
-    def take(self, grip: Grip, position: Array, rotation: Array, steps: int) -> Iterator[Command]:
+    def take(
+        self, grip: Grip, position: Array, rotation: Array, steps: int, preload: float | None = None
+    ) -> Iterator[Command]:
         """Move the palm on a straight line to where a tool can be gripped, and grip it."""
         yield from self.glide(position, rotation, steps)
         yield from self.move_hand(grip.touch, 8)
-        self.hand.grip(grip)
+        self.hand.grip(grip, preload)
         yield from self.wait(lambda: self.hand.gripped, 15)
         yield from self.hold(3)
 
