@@ -13,7 +13,7 @@ from lerobot_dexflex.runs.table import Row
 _EPSILON = 1e-6
 """Regularises the relative size of an intervention where the draft stands still [m]."""
 COLUMNS = (
-    *("success", "steps", "seconds", "progress", "progress_final", "drops", "holding"),
+    *("success", "steps", "seconds", "progress", "progress_final", "drops", "holding", "nht"),
     *("intervention", "intervention_event", "intervention_calm", "change_event", "change_calm"),
 )
 """What an episode leaves in the table; see `Outcome`."""
@@ -85,6 +85,9 @@ class Outcome:
     """How often the object was dropped; None if the task does not report it."""
     holding: float | None
     """Fraction of steps with the object held; None if the task does not report it."""
+    nht: float | None
+    """Normalised holding time (paper, section 4.1): fraction of the steps from the first grasp to success
+    or time limit with the object held; 0 without a grasp, None if the task does not report it."""
     intervention: float | None
     """Mean relative size of the interface's changes to the draft; None where there is no draft."""
     intervention_event: float | None
@@ -123,12 +126,13 @@ class Recorder:
     Args:
         info: Info of the reset.
         period: Control period [s].
+        limit: Time limit in control steps.
     """
 
-    def __init__(self, info: dict[str, Any], period: float) -> None:
+    def __init__(self, info: dict[str, Any], period: float, limit: int) -> None:
         self.success = bool(info["is_success"])
         self.steps = 0
-        self._period = period
+        self._period, self._limit = period, limit
         self._progress = [float(info["progress"])]
         self._drops = 0 if "dropped" in info else None
         self._was_dropped = bool(info.get("dropped", False))
@@ -165,12 +169,21 @@ class Recorder:
             progress_final=round(self._progress[-1], 4),
             drops=self._drops,
             holding=None if self._held is None else round(sum(self._held) / max(self.steps, 1), 4),
+            nht=self._nht(),
             intervention=_mean(sizes),
             intervention_event=_mean(sizes, event),
             intervention_calm=_mean(sizes, calm),
             change_event=_mean(changes, event),
             change_calm=_mean(changes, calm),
         )
+
+    def _nht(self) -> float | None:
+        if self._held is None:
+            return None
+        if True not in self._held:
+            return 0.0
+        end = self.steps if self.success else self._limit
+        return round(sum(self._held) / (end - self._held.index(True)), 4)
 
     def _when(self) -> tuple[Flags, Flags]:
         """Return which steps are around contact events, and which others have the object in hand."""

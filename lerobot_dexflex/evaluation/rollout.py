@@ -158,9 +158,7 @@ def run_group(
     _check_info(environments[0], started[0][1])
     if isinstance(controller, Onlooker):
         controller.see(environments[: len(seeds)])
-    recorders = [
-        Recorder(info, 1 / environments[k].metadata["render_fps"]) for k, (_, info) in enumerate(started)
-    ]
+    recorders = [_recorder(environments[k], info) for k, (_, info) in enumerate(started)]
     watchers = watchers or {}
     for k, (observation, info) in enumerate(started):
         for watcher in watchers.get(k, ()):
@@ -181,6 +179,12 @@ def run_group(
             if terminated or truncated:
                 running.discard(k)
     return recorders
+
+
+def _recorder(env: gymnasium.Env, info: dict[str, Any]) -> Recorder:
+    assert env.spec is not None
+    assert env.spec.max_episode_steps is not None
+    return Recorder(info, 1 / env.metadata["render_fps"], env.spec.max_episode_steps)
 
 
 def _check_info(env: gymnasium.Env, info: dict[str, Any]) -> None:

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from lerobot_dexflex.conventions import CONTROL_PERIOD
+from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.runs.letters import compact_letters
 from lerobot_dexflex.runs.statistics import (
@@ -67,11 +69,15 @@ class Summary:
     def mean(self, method: str, metric: str) -> Mean | None:
         """Return the mean of a column over the episodes of a method for which it is known.
 
-        `completion_time` [s] is that of the successes.
+        `completion_time` [s] is that of the successes, `limited_time` [s] that of all episodes; see `times`.
         """
         episodes = self.of(method)
         if metric == "completion_time":
             episodes, metric = episodes.loc[episodes["success"].astype(bool)], "seconds"
+        elif metric == "limited_time":
+            episodes = episodes.assign(limited_time=times(episodes))
+        elif metric not in episodes:
+            return None
         return mean_interval(episodes[metric].dropna().astype(float).tolist())
 
     def ratio(self, method: str, first: str, second: str) -> Mean | None:
@@ -162,6 +168,28 @@ def summarise(
         if len(columns) > 1 and (rate := _pooled([rates.get((method, column)) for column in columns])):
             rates[method, AVERAGE] = rate
     return Summary(rows, tuple(methods), shown, rates, _tests(rows, methods, grew))
+
+
+def times(rows: pd.DataFrame) -> pd.Series:
+    """Return times to success [s], that of a failure its task's limit.
+
+    A dropped object ends an episode early, but would not have been brought home later: censored where it
+    ended, it would count as if it might.
+
+    Raises:
+        DexFlexError: If an episode is longer than its task allows.
+    """
+    longest = rows.groupby("task")["seconds"].transform("max")
+    known = {name: task.max_episode_steps * CONTROL_PERIOD for name, task in TASKS.items()}
+    limits = rows["task"].map(known).fillna(longest)
+    if (late := rows["seconds"] > limits + 1e-6).any():
+        row = rows.loc[late].iloc[0]
+        raise DexFlexError(
+            f"An episode of {row['method']} in {row['task']}, {row['condition']} took {row['seconds']} s, "
+            f"seed {row['seed']}; the limit is {limits[late].iloc[0]:g} s. These rows are of another version "
+            "of the task."
+        )
+    return rows["seconds"].astype(float).where(rows["success"].astype(bool), limits)
 
 
 def _pooled(rates: Sequence[Rate | None]) -> Rate | None:

@@ -9,10 +9,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lerobot_dexflex.conventions import CONTROL_PERIOD
-from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.evaluation.summary import PairTest, Summary, newest, summarise
+from lerobot_dexflex.evaluation.summary import PairTest, Summary, newest, summarise, times
 from lerobot_dexflex.runs.statistics import Mean, median_time, two_level_interval
 from lerobot_dexflex.runs.table import read
 
@@ -164,7 +162,7 @@ def _cell(cell: Sequence[object]) -> str:
 
 def _method(summary: Summary, name: str) -> MethodOverTrainings:
     rows = summary.of(name)
-    rows = rows.assign(solved=100.0 * rows["success"].astype(bool), time=_times(rows))
+    rows = rows.assign(solved=100.0 * rows["success"].astype(bool), time=times(rows))
     return MethodOverTrainings(
         name,
         _of_each(_groups(rows, "solved")),
@@ -180,24 +178,6 @@ def _pair(summary: Summary, test: PairTest) -> PairOverTrainings:
     second, first = (rows[f"success_{which}"].astype(float) for which in ("second", "first"))
     groups = _groups(rows.assign(gain=100 * (second - first)), "gain")
     return PairOverTrainings(test, two_level_interval(groups), _of_each(groups))
-
-
-def _times(rows: pd.DataFrame) -> pd.Series:
-    """Return times to success [s], that of a failure its task's limit.
-
-    A dropped object ends an episode early, but would not have been brought home later: censored where it
-    ended, it would count as if it might.
-    """
-    longest = rows.groupby("task")["seconds"].transform("max")
-    known = {name: task.max_episode_steps * CONTROL_PERIOD for name, task in TASKS.items()}
-    limits = rows["task"].map(known).fillna(longest)
-    if (late := rows["seconds"] > limits + 1e-6).any():
-        row = rows.loc[late].iloc[0]
-        raise DexFlexError(
-            f"An episode of {_cell(row[_CELL].tolist())} took {row['seconds']} s, seed {row['seed']}; the "
-            f"limit is {limits[late].iloc[0]:g} s. These rows are of another version of the task."
-        )
-    return rows["seconds"].astype(float).where(rows["success"].astype(bool), limits)
 
 
 def _reported(rows: pd.DataFrame, column: str) -> Mean | None:

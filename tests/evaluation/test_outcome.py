@@ -9,7 +9,7 @@ def info(progress, success=False, dropped=False, holding=False):
 
 
 def record(*steps, motions=None):
-    recorder = Recorder(info(0.0), period=0.05)
+    recorder = Recorder(info(0.0), period=0.05, limit=10)
     for k, step in enumerate(steps):
         recorder.add(step, motions[k] if motions else None)
     return recorder.outcome("raw", 1003)
@@ -26,6 +26,15 @@ def test_an_episode_is_counted_step_by_step():
     assert outcome.ending == "success"
 
 
+def test_holding_is_normalised_by_the_time_from_the_first_grasp_to_success_or_time_limit():
+    held, lost = info(0.5, holding=True), info(0.5)
+    assert record(lost, held, lost, held, info(1.0, success=True, holding=True)).nht == pytest.approx(3 / 4)
+    # A drop ends the episode; until the limit of ten steps nothing is held.
+    assert record(lost, held, held, info(0.5, dropped=True)).nht == pytest.approx(2 / 9)
+    assert record(lost, lost).nht == 0.0
+    assert Recorder({"is_success": False, "progress": 0}, 0.05, 10).outcome("joint", 0).nht is None
+
+
 def test_lying_on_the_floor_for_long_is_one_drop():
     outcome = record(info(0, dropped=True), info(0, dropped=True), info(0), info(0, dropped=True))
     assert outcome.drops == 2
@@ -33,7 +42,7 @@ def test_lying_on_the_floor_for_long_is_one_drop():
 
 
 def test_what_a_task_does_not_report_stays_undefined():
-    recorder = Recorder({"is_success": False, "progress": 0}, period=0.05)
+    recorder = Recorder({"is_success": False, "progress": 0}, period=0.05, limit=10)
     recorder.add({"is_success": False, "progress": 0}, None)
     outcome = recorder.outcome("joint", 0)
     assert (outcome.drops, outcome.holding, outcome.intervention) == (None, None, None)
@@ -55,7 +64,7 @@ def test_interventions_around_contacts_are_told_from_those_in_calm():
     touching, free = np.array([True] * 2), np.array([True, False])
     # The finger touches from step 20 on: the steps 15 to 25 are around that event.
     states = [free] * 21 + [touching] * 20
-    recorder = Recorder(info(0.0) | {"contacts": states[0]}, period=0.05)
+    recorder = Recorder(info(0.0) | {"contacts": states[0]}, period=0.05, limit=10)
     for k, state in enumerate(states[1:]):
         step = info(0.0, holding=k >= 5) | {"contacts": state}
         recorder.add(step, changed if 15 <= k <= 25 else same)
@@ -70,7 +79,7 @@ def test_interventions_around_contacts_are_told_from_those_in_calm():
 def test_without_contacts_or_drafts_nothing_is_told_of_them():
     with_motion = record(info(0), motions=[Motion(np.ones((4, 3)), np.zeros((4, 3)))])
     assert with_motion.intervention_event is None
-    recorder = Recorder(info(0.0) | {"contacts": np.ones(2, bool)}, period=0.05)
+    recorder = Recorder(info(0.0) | {"contacts": np.ones(2, bool)}, period=0.05, limit=10)
     recorder.add(info(0.0, holding=True) | {"contacts": np.ones(2, bool)}, None)
     assert recorder.outcome("joint", 0).intervention_calm is None
 

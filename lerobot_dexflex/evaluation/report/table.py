@@ -18,10 +18,13 @@ DETAIL_HEADER = (
     "letters",
     "progress",
     "time to success [s]",
+    "of all [s]",
     "drops",
     "holding",
+    "NHT",
     "intervention",
 )
+_METRICS = ("progress", "completion_time", "limited_time", "drops", "holding", "nht", "intervention")
 _PAIR_HEADER = ("pair", "episodes", "only first", "only second", "McNemar p", "p (Holm)", "progress gain")
 SELECTIVITY_HEADER = (
     "method",
@@ -34,9 +37,10 @@ SELECTIVITY_HEADER = (
 _GROWN_HEADER = ("E", "1/E (Holm)")
 MEANINGS = (
     "Success with Wilson 95 % intervals. Methods that share a letter do not differ significantly (5 %, after "
-    "Holm). Progress is each episode's largest, drops per episode, holding the share of time "
-    "with the object in hand, intervention the mean ||selected - draft|| / ||draft||; means with bootstrap "
-    "95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over "
+    "Holm). Progress is each episode's largest, the time of all counts failures by the time limit, drops are "
+    "per episode, holding is the share of time with the object in hand, NHT that of the time from the first "
+    "grasp to success or time limit, intervention the mean ||selected - draft|| / ||draft||; means with "
+    "bootstrap 95 % intervals. McNemar's exact test on paired episodes, p-values adjusted by Holm over "
     "all pairs of the table; progress gain: second - first. E, where episodes come from more than one "
     "command: its inverse is a p-value also if some were added after a look."
 )
@@ -65,8 +69,7 @@ def detail_rows(summary: Summary) -> Rows:
         rate = summary.rates.get((name, summary.columns[-1]))
         found = ("-", "-") if rate is None else (_count(rate), _interval(rate))
         numbers = [
-            mean_text(summary.mean(name, metric), 1 if metric == "completion_time" else 2)
-            for metric in ("progress", "completion_time", "drops", "holding", "intervention")
+            mean_text(summary.mean(name, metric), 1 if metric.endswith("time") else 2) for metric in _METRICS
         ]
         rows.append([name, *found, letters.get(name, "-"), *numbers])
     return rows
