@@ -79,7 +79,7 @@ VIEWS = {
     "operator": View(OPERATOR, conditions="typical"),
     "expert": View("expert"),
     "policies": View(trainings=True),
-    "splitter": View(f"commanded/raw,dexflex,commanded/{SPLIT}", trainings=True),
+    "commanded": View(f"commanded/raw,commanded/projection,commanded/{SPLIT},dexflex", trainings=True),
     "removal": View(
         "joint,commanded/raw,commanded/press:1,commanded/press:1+blocked=True,commanded/projection,"
         f"commanded/{SPLIT},press:4,press:4+blocked=True,dexgen,dexflex-notouch,dexflex",
@@ -88,7 +88,6 @@ VIEWS = {
         trainings=True,
         against="dexflex",
     ),
-    "projection": View(f"commanded/raw,commanded/projection,commanded/{SPLIT},dexflex", tasks=TOLD_APART),
     "typical": View(POLICIES, "typical", "PlaceHammer-v0", trainings=True, against="dexflex"),
     "ten": View("demos10/joint,demos10-commanded/raw,demos10/dexgen,demos10/dexflex", tasks=TOLD_APART),
     "motion_only": View("motion/raw,motion/press:4,motion/dexgen,motion/dexflex", tasks="PlaceHammer-v0"),
