@@ -121,8 +121,8 @@ class ScrewNutEnv(HandEnv):
             catch(self.model, self.data, self.nut_pose[1])
         touching = contact_names(self.model, self.data, "nut")
         holding = pinched(touching)
-        solved = self.tight and holding and self._strokes(holding) >= STROKES
-        success = has_settled(self.memory, solved)
+        strokes = self._strokes(holding)
+        success = has_settled(self.memory, self.tight and holding and strokes >= STROKES)
         reached = furthest_progress(self.memory, (holding, self.caught))
         turned = min(1.0, self.turns / (TURNS - TIGHT)) if self.caught else 0.0
         self.memory["turned"] = max(self.memory.get("turned", 0.0), turned)

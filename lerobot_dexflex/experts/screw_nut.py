@@ -1,0 +1,65 @@
+"""Demonstrate ScrewNut: grip the nut as it rests askew, right it in the hand, turn it tight by strokes."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lerobot_dexflex.envs.nut_and_bolt import RIM
+from lerobot_dexflex.envs.screw_nut import ARM_START, ScrewNutEnv
+from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.experts.tool.grip import Handle
+from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.screwing import HABITS, UP, Screw, Strokes, aligned, insert, turn
+from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
+from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
+from lerobot_dexflex.hand.objects import ObjectSpec
+
+STROKES = Strokes(angle=0.7, most=14, room=0.02, room_back=0.012, squeeze=5.0, ahead=0.3)
+"""How the nut is turned."""
+
+LIFT = 0.02
+"""How far the nut is lifted off the bolt, to right it in the hand [m]."""
+
+
+def demonstrate(env: ScrewNutEnv, rng: np.random.Generator) -> Iterator[Command]:
+    """Yield the demonstration of the episode that `env` has just been reset to.
+
+    Privileged: reads the true pose of nut and bolt, and whether the thread has caught. The caller executes
+    `Command.executed` before it asks for the next command.
+    """
+    episode = env.episode
+    shape = ObjectSpec("cylinder", (episode.nut_radius, episode.nut_height / 2), episode.mass)
+    at = RIM + episode.nut_height / 2
+    senses = ToolSenses(env, Tool("nut", shape, np.array([0.0, 0.0, at]), episode.tip_friction))
+    hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
+    habit = HABITS[int(rng.integers(2))]
+    script = Script(env, hand, rng, habit.centre)
+    position, rotation = env.nut_pose
+    grasp_point = position + at * rotation[:, 2]
+    grip = habit.grip(Handle(habit.centre, PALM_DOWN.T @ rotation[:, 2], episode.nut_radius))
+    nut = Screw(
+        lambda: env.nut_pose,
+        UP,
+        at,
+        episode.nut_radius,
+        lambda: env.turns,
+        lambda: env.tight,
+        lambda: env.goal_position,
+    )
+
+    script.care = 0.5
+    hand.go(grip.open, 22)
+    yield from script.swing(grasp_point + np.array([0, 0, 0.07]), PALM_DOWN, 26, ARM_START)
+    script.care = 0.1
+    yield from script.take(grip, grasp_point, PALM_DOWN, 18)
+    yield from script.glide(script.position + np.array([0, 0, LIFT]), PALM_DOWN, 6)
+    straight = aligned(script.in_palm(*env.nut_pose).rotation, UP)
+    held = Pose(habit.centre - at * UP, straight)
+    hand.lead(*held)
+    yield from script.wait(lambda: hand.there, 30)
+    hand.keep()
+    yield from insert(script, lambda: env.nut_pose, env.goal_position, PALM_DOWN, 0.0, lambda: env.caught)
+    if env.caught:
+        yield from turn(script, nut, habit.grip, STROKES)
+    hand.keep()
+    yield from script.hold(15)
