@@ -17,6 +17,8 @@ from lerobot_dexflex.hand.objects import ObjectSpec
 STROKES = Strokes(angle=0.7, most=14, room=0.02, room_back=0.012, squeeze=5.0, ahead=0.3)
 """How the nut is turned."""
 
+BAR_RADIUS = 0.012
+"""Radius of the bar that `HABITS` hold [m]."""
 LIFT = 0.02
 """How far the nut is lifted off the bolt, to right it in the hand [m]."""
 
@@ -33,10 +35,11 @@ def demonstrate(env: ScrewNutEnv, rng: np.random.Generator) -> Iterator[Command]
     senses = ToolSenses(env, Tool("nut", shape, np.array([0.0, 0.0, at]), episode.tip_friction))
     hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
     habit = HABITS[int(rng.integers(2))]
-    script = Script(env, hand, rng, habit.centre)
+    centre = habit.centre + np.array([episode.nut_radius - BAR_RADIUS, 0.0, 0.0])  # The thumb keeps its room.
+    script = Script(env, hand, rng, centre)
     position, rotation = env.nut_pose
     grasp_point = position + at * rotation[:, 2]
-    grip = habit.grip(Handle(habit.centre, PALM_DOWN.T @ rotation[:, 2], episode.nut_radius))
+    grip = habit.grip(Handle(centre, PALM_DOWN.T @ rotation[:, 2], episode.nut_radius))
     nut = Screw(
         lambda: env.nut_pose,
         UP,
@@ -52,13 +55,15 @@ def demonstrate(env: ScrewNutEnv, rng: np.random.Generator) -> Iterator[Command]
     yield from script.swing(grasp_point + np.array([0, 0, 0.07]), PALM_DOWN, 26, ARM_START)
     script.care = 0.1
     yield from script.take(grip, grasp_point, PALM_DOWN, 18)
-    yield from script.glide(script.position + np.array([0, 0, LIFT]), PALM_DOWN, 6)
-    straight = aligned(script.in_palm(*env.nut_pose).rotation, UP)
-    held = Pose(habit.centre - at * UP, straight)
-    hand.lead(*held)
-    yield from script.wait(lambda: hand.there, 30)
-    hand.keep()
-    yield from insert(script, lambda: env.nut_pose, env.goal_position, PALM_DOWN, 0.0, lambda: env.caught)
+    if not env.caught:  # Fingers that close may right it, too.
+        yield from script.glide(script.position + np.array([0, 0, LIFT]), PALM_DOWN, 6)
+        straight = aligned(script.in_palm(*env.nut_pose).rotation, UP)
+        held = Pose(centre - at * UP, straight)
+        hand.lead(*held)
+        yield from script.wait(lambda: hand.there, 30)
+        hand.keep()
+        goal = env.goal_position
+        yield from insert(script, lambda: env.nut_pose, goal, PALM_DOWN, 0.0, lambda: env.caught, pressing=2)
     if env.caught:
         yield from turn(script, nut, habit.grip, STROKES)
     hand.keep()
