@@ -92,4 +92,4 @@ def add_leg_thread(spec: mujoco.MjSpec, position: tuple[float, float]) -> None:
         rgba=(0.9, 0.2, 0.1, 1),
         **ContactSurface()._asdict(),
     )
-    spec.add_exclude(bodyname1="thread_core", bodyname2="table_top")
+    spec.add_exclude(bodyname1="core", bodyname2="table_top")

@@ -19,7 +19,7 @@ DOME_HEIGHT = 0.055
 RIM = float(np.sqrt(DOME_RADIUS**2 - HOLE_RADIUS**2))
 """How far above the middle of the dome the lower rim of the hole is [m]."""
 _BLOCK_HALF_SIZE = (0.04, 0.04, 0.010)
-_SHAFT_RADIUS = 0.0065
+_SHAFT_RADIUS = 0.0085
 _BORE = 8
 """Bit of the collisions between hole and dome: the nut itself is a full cylinder to everything else."""
 
@@ -52,7 +52,7 @@ def add_bolt(spec: mujoco.MjSpec, pose: Pose2, friction: float) -> None:
         solref=robot.TIP_SOLREF,  # On softer contacts friction at rest creeps: the nut would tilt over.
         **surface._asdict(),
     )
-    spec.add_exclude(bodyname1="thread_core", bodyname2="block")
+    spec.add_exclude(bodyname1="core", bodyname2="block")
 
 
 def add_nut(spec: mujoco.MjSpec, radius: float, height: float, mass: float) -> None:
@@ -83,7 +83,7 @@ def add_nut(spec: mujoco.MjSpec, radius: float, height: float, mass: float) -> N
         wall.mass = 0
     sight = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "contype": 0, "conaffinity": 0, "mass": 0}
     size = (HOLE_RADIUS, 0.0003, 0)
-    body.add_geom(name="nut_bore", size=size, pos=(0, 0, RIM + height), rgba=dark, **sight)
+    body.add_geom(name="nut_bore", size=size, pos=(0, 0, RIM + height + 0.0003), rgba=dark, **sight)
     for k in range(12):
         angle = k * np.pi / 6
         body.add_geom(

@@ -77,7 +77,7 @@ class ScrewNutEnv(HandEnv):
 
     def _build(self, episode: NutEpisode) -> mujoco.MjSpec:
         spec, palm = robot_at_table(episode.tip_friction)
-        add_camera(spec, "front", position=(0.86, -0.26, 0.26), target=(0.48, 0.0, 0.09), fovy=33)
+        add_camera(spec, "front", position=(0.90, 0.02, 0.24), target=(0.48, 0.01, 0.10), fovy=36)
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         add_bolt(spec, episode.bolt, episode.thread_friction)
         add_nut(spec, episode.nut_radius, episode.nut_height, episode.mass)
@@ -132,7 +132,7 @@ class ScrewNutEnv(HandEnv):
             "progress": 1.0 if success else reached / 3 + self.memory["turned"] / 2,
             "dropped": bool(touching & {"table", "floor", "block"}),
             "holding": holding,
-            "contacts": contact_flags(touching | {"thread"} if self.caught else touching),
+            "contacts": contact_flags(touching | {"bolt"} if self.caught else touching),
         }
 
     def _on_bolt(self) -> bool:

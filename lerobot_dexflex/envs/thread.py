@@ -17,7 +17,7 @@ def add_thread(
     caught: str,
     offset: float,
 ) -> mujoco.MjsBody:
-    """Add a thread and the weld by which it catches a body; return what turns and sinks, a body of its own.
+    """Add a thread and the weld by which it catches a body; return what turns and sinks, the body `core`.
 
     MuJoCo has no helical contacts: a hinge and a slide are coupled by an equality, and friction of the hinge
     makes the thread self-locking. Its frame is a mocap body, which takes the caught body's yaw: so everything
@@ -36,7 +36,7 @@ def add_thread(
     # hinge's inverse inertia without the squared ratio.
     spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)
     frame = spec.worldbody.add_body(name="thread", pos=position, mocap=True)
-    core = frame.add_body(name="thread_core")
+    core = frame.add_body(name="core")
     core.mass, core.inertia, core.explicitinertial, core.gravcomp = 0.01, (1e-5, 1e-5, 1e-5), True, 1.0
     turn = core.add_joint(name="thread_turn", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1))
     turn.frictionloss, turn.armature, turn.damping[0] = friction, 2e-4, 0.002
@@ -48,9 +48,7 @@ def add_thread(
     )
     coupling.objtype = mujoco.mjtObj.mjOBJ_JOINT
     coupling.data[:5] = (0, pitch / (2 * np.pi), 0, 0, 0)
-    catch = spec.add_equality(
-        name="thread_catch", type=mujoco.mjtEq.mjEQ_WELD, name1="thread_core", name2=caught
-    )
+    catch = spec.add_equality(name="thread_catch", type=mujoco.mjtEq.mjEQ_WELD, name1="core", name2=caught)
     catch.objtype = mujoco.mjtObj.mjOBJ_BODY
     catch.active = False
     catch.data[:11] = (0, 0, 0, 0, 0, offset, 1, 0, 0, 0, 1)
