@@ -93,7 +93,7 @@ class ScrewNutEnv(HandEnv):
 
     @property
     def nut_pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Position [m] (3,) of the frame, below the nut, and orientation (3, 3), z along its hole; privileged."""
+        """Position [m] (3,) of the frame, below the hole, orientation (3, 3) with z along it; privileged."""
         body = self.data.body("nut")
         return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
 

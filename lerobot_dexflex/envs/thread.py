@@ -1,4 +1,4 @@
-"""A thread that catches a free body: it sinks as it is turned clockwise, and cannot be pulled off any more."""
+"""A thread that catches a free body, which then sinks as it is turned clockwise and cannot be pulled off."""
 
 import mujoco
 import numpy as np

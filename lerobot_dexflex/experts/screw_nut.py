@@ -9,14 +9,22 @@ from lerobot_dexflex.envs.screw_nut import ARM_START, ScrewNutEnv
 from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
-from lerobot_dexflex.experts.tool.screwing import HABITS, UP, Screw, Strokes, aligned, insert, turn
+from lerobot_dexflex.experts.tool.screwing import (
+    HABITS,
+    UP,
+    Screw,
+    Strokes,
+    aligned,
+    grasp_again,
+    insert,
+    turn,
+)
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.objects import ObjectSpec
 
 STROKES = Strokes(angle=0.7, most=14, room=0.02, room_back=0.012, squeeze=5.0, ahead=0.3)
-"""How the nut is turned."""
-
+"""As long as the fingers reach; the thread holds while they go back."""
 BAR_RADIUS = 0.012
 """Radius of the bar that `HABITS` hold [m]."""
 TRIES = 3
@@ -68,7 +76,9 @@ def demonstrate(env: ScrewNutEnv, rng: np.random.Generator) -> Iterator[Command]
             yield from script.take(upright, seat, PALM_DOWN, 10)
         yield from script.glide(seat, PALM_DOWN, 4)
         yield from turn(script, nut, habit.grip, STROKES)
-    hand.keep()
+        hand.keep()
+        yield from script.hold(12)
+        yield from grasp_again(script, nut, habit.grip, STROKES, 0.0)
     yield from script.hold(15)
 
 
