@@ -15,12 +15,13 @@ from lerobot_dexflex.envs.leg_and_socket import (
     THREAD_ENTRY,
     TURNS,
     add_leg,
+    add_leg_thread,
     add_rack,
     add_table_top,
-    add_thread,
 )
 from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera, place_robot, robot_at_table
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
+from lerobot_dexflex.envs.thread import catch, has_caught, turns_in
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
@@ -86,7 +87,7 @@ class AssembleTableEnv(HandEnv):
         add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
         add_rack(spec, episode.rack, episode.lean, episode.leg_radius)
         add_table_top(spec, episode.socket)
-        add_thread(spec, episode.socket[:2])
+        add_leg_thread(spec, episode.socket[:2])
         add_leg(spec, episode.leg_radius, episode.mass)
         return spec
 
@@ -112,12 +113,12 @@ class AssembleTableEnv(HandEnv):
     @property
     def caught(self) -> bool:
         """Whether the thread holds the stud."""
-        return bool(self.data.eq_active[self.model.equality("thread_catch").id])
+        return has_caught(self.model, self.data)
 
     @property
     def turns(self) -> float:
         """Turns by which the leg has been screwed in."""
-        return max(0.0, -float(self.data.joint("thread_turn").qpos[0]) / (2 * np.pi))
+        return turns_in(self.data)
 
     @property
     def lit(self) -> bool:
@@ -126,9 +127,10 @@ class AssembleTableEnv(HandEnv):
 
     def _update(self) -> dict[str, Any]:
         if not self.caught and self._stud_in_thread():
-            self._catch_stud()
+            catch(self.model, self.data, self.leg_pose[1])
         self.memory["lit"] = self.lit or (self.caught and self.turns > TURNS - 0.05)
-        self.data.mocap_pos[self._mocap("lamp"), 2] = LAMP_HEIGHT if self.lit else -LAMP_HEIGHT
+        lamp = self.model.body("lamp").mocapid[0]
+        self.data.mocap_pos[lamp, 2] = LAMP_HEIGHT if self.lit else -LAMP_HEIGHT
         touched = contact_names(self.model, self.data, "leg")
         position, rotation = self.leg_pose
         centre = position + rotation[:, 2] * LEG_LENGTH / 2
@@ -149,26 +151,12 @@ class AssembleTableEnv(HandEnv):
             "contacts": contact_flags(touched),
         }
 
-    def _mocap(self, body: str) -> int:
-        return self.model.body(body).mocapid[0]
-
     def _stud_in_thread(self) -> bool:
         position, rotation = self.leg_pose
         tip = position - STUD_LENGTH * rotation[:, 2]
         beside = np.linalg.norm(tip[:2] - self.episode.socket[:2])
         above = abs(tip[2] - THREAD_ENTRY)
         return bool(beside < CATCH_RADIUS and above < CATCH_HEIGHT and rotation[2, 2] > np.cos(CATCH_TILT))
-
-    def _catch_stud(self) -> None:
-        """Turn the thread to the leg's yaw and weld the leg to it: all of it state that snapshots carry."""
-        data = self.data
-        _, rotation = self.leg_pose
-        yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-        data.mocap_quat[self._mocap("thread")] = (np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
-        data.joint("thread_turn").qpos[:] = data.joint("thread_turn").qvel[:] = 0
-        data.joint("thread_slide").qpos[:] = data.joint("thread_slide").qvel[:] = 0
-        data.eq_active[self.model.equality("thread_catch").id] = 1
-        mujoco.mj_forward(self.model, data)
 
 
 def _about_z(angle: float) -> np.ndarray:

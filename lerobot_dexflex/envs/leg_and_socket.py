@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.envs.scene import ContactSurface, add_block, add_wall
-from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.envs.thread import add_thread
 from lerobot_dexflex.hand.poses import quaternion_of, quaternion_product
 
 Pose2 = tuple[float, float, float]
@@ -78,24 +78,13 @@ def add_leg(spec: mujoco.MjSpec, shaft_radius: float, mass: float) -> None:
         )
 
 
-def add_thread(spec: mujoco.MjSpec, position: tuple[float, float]) -> None:
-    """Add the thread: a floor for the stud that turns as it sinks, and the weld that catches the leg.
+def add_leg_thread(spec: mujoco.MjSpec, position: tuple[float, float]) -> None:
+    """Add the thread in the socket, with a floor for the stud that turns as it sinks.
 
-    Its frame is a mocap body, which takes the leg's yaw when caught: so everything about the thread is state.
-    Friction holds 15 N of axial pull on a pitch of 4 mm: a self-locking thread.
+    Friction holds 15 N of axial pull on a pitch of 4 mm.
     """
-    # Without it the turn-slide coupling is about 1000 times too soft: the diagonal approximation adds the
-    # hinge's inverse inertia without the squared ratio.
-    spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)
-    frame = spec.worldbody.add_body(name="thread", pos=(*position, THREAD_ENTRY), mocap=True)
-    nut = frame.add_body(name="nut")
-    nut.mass, nut.inertia, nut.explicitinertial, nut.gravcomp = 0.01, (1e-5, 1e-5, 1e-5), True, 1.0
-    turn = nut.add_joint(name="thread_turn", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1))
-    turn.frictionloss, turn.armature, turn.damping[0] = 0.01, 2e-4, 0.002
-    turn.range, turn.limited, turn.solref_limit = (-2 * np.pi * TURNS, 0.1), True, (2 * robot.TIMESTEP, 1)
-    slide = nut.add_joint(name="thread_slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
-    slide.armature = 0.05
-    nut.add_geom(
+    core = add_thread(spec, (*position, THREAD_ENTRY), PITCH, TURNS, 0.01, "leg", STUD_LENGTH)
+    core.add_geom(
         name="thread_floor",
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=(STUD_RADIUS, 0.002, 0),
@@ -103,14 +92,4 @@ def add_thread(spec: mujoco.MjSpec, position: tuple[float, float]) -> None:
         rgba=(0.9, 0.2, 0.1, 1),
         **ContactSurface()._asdict(),
     )
-    spec.add_exclude(bodyname1="nut", bodyname2="table_top")
-    coupling = spec.add_equality(
-        name="thread_lead", type=mujoco.mjtEq.mjEQ_JOINT, name1="thread_slide", name2="thread_turn"
-    )
-    coupling.objtype = mujoco.mjtObj.mjOBJ_JOINT
-    coupling.data[:5] = (0, PITCH / (2 * np.pi), 0, 0, 0)
-    catch = spec.add_equality(name="thread_catch", type=mujoco.mjtEq.mjEQ_WELD, name1="nut", name2="leg")
-    catch.objtype = mujoco.mjtObj.mjOBJ_BODY
-    catch.active = False
-    catch.data[:11] = (0, 0, 0, 0, 0, STUD_LENGTH, 1, 0, 0, 0, 1)
-    coupling.solref = catch.solref = (2 * robot.TIMESTEP, 1)
+    spec.add_exclude(bodyname1="core", bodyname2="table_top")

@@ -67,6 +67,13 @@ TASKS = {
         "Move the object in the hand to the goal pose.",
         16,
     ),
+    "ScrewNut-v0": TaskInfo(
+        "lerobot_dexflex.envs.screw_nut:ScrewNutEnv",
+        500,
+        "Set the nut straight on the bolt and turn it tight with the fingers.",
+        23,
+        ("held", "on the thread", "a third turned", "two thirds turned", "tight", "still held"),
+    ),
     "Screwdriver-v0": TaskInfo(
         "lerobot_dexflex.envs.screwdriver:ScrewdriverEnv",
         500,

@@ -12,6 +12,7 @@ _EXPERTS = {
     "HammerNail-v0": "lerobot_dexflex.experts.hammer_nail:demonstrate",
     "PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate",
     "PourCup-v0": "lerobot_dexflex.experts.pour_cup:demonstrate",
+    "ScrewNut-v0": "lerobot_dexflex.experts.screw_nut:demonstrate",
     "Screwdriver-v0": "lerobot_dexflex.experts.screwdriver:demonstrate",
     "SpatulaServe-v0": "lerobot_dexflex.experts.spatula_serve:demonstrate",
 }

@@ -222,7 +222,7 @@ def test_goal_and_thread_agree_for_every_episode(env):
     env.reset(seed=SEED)
     env._start(replace(env.episode, socket=(0.5, 0.12, 0.3)))
     assert np.allclose(env.goal_position, (0.5, 0.12, THREAD_ENTRY + STUD_LENGTH))
-    assert np.allclose(env.data.body("nut").xpos, (0.5, 0.12, THREAD_ENTRY))
+    assert np.allclose(env.data.body("core").xpos, (0.5, 0.12, THREAD_ENTRY))
     assert env.model.geom("leg_shaft").size[1] == LEG_LENGTH / 2
 
 

@@ -20,6 +20,7 @@ MAX_STEPS = {
     "PlaceHammer-v0": 300,
     "PourCup-v0": 400,
     "Reach-v0": 200,
+    "ScrewNut-v0": 500,
     "Screwdriver-v0": 500,
     "SpatulaServe-v0": 400,
 }
@@ -62,6 +63,13 @@ RANGES = {
     "HammerNail-v0": {"mass": (0.09, 0.16), "nail_friction": (5.0, 8.0), "tip_friction": (0.8, 1.2)},
     "PlaceHammer-v0": {"mass": (0.06, 0.16), "handle_radius": (0.010, 0.015), "tip_friction": (0.8, 1.2)},
     "PourCup-v0": {"mass": (0.05, 0.10), "handle_half_width": (0.008, 0.013), "tip_friction": (0.8, 1.2)},
+    "ScrewNut-v0": {
+        "mass": (0.02, 0.05),
+        "nut_radius": (0.014, 0.018),
+        "nut_height": (0.020, 0.028),
+        "thread_friction": (0.01, 0.03),
+        "tip_friction": (0.8, 1.2),
+    },
     "Screwdriver-v0": {"mass": (0.04, 0.08), "handle_radius": (0.011, 0.014), "tip_friction": (0.8, 1.2)},
     "SpatulaServe-v0": {
         "mass": (0.04, 0.06),
