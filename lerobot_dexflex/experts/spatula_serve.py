@@ -57,7 +57,7 @@ def _scoop(env: SpatulaServeEnv, script: Script) -> Iterator[Command]:
     """Push the blade along the griddle below the patty, up to the rim, and lift."""
     origin, turn = env.griddle_pose
     heading = env.episode.griddle[2]
-    patty = turn.T @ (env.patty_pose[0] - origin)
+    patty = turn.T @ (env.food_pose[0] - origin)
     start = patty[0] - env.episode.patty_radius - 0.005
 
     def blade_at(x: float, height: float, raised: float = SCOOP_RAISED) -> Pose:
@@ -115,4 +115,4 @@ def _serve(env: SpatulaServeEnv, script: Script) -> Iterator[Command]:
 def _carry(env: SpatulaServeEnv, script: Script) -> None:
     """Let the hand expect the patty's weight where the patty is on the blade."""
     weight: Array = np.array([0.0, 0.0, -env.episode.patty_mass * GRAVITY])
-    script.hand.brace(script.rotation.T @ weight, env.patty_on_spatula())
+    script.hand.brace(script.rotation.T @ weight, env.food_on_spatula())
