@@ -1,0 +1,77 @@
+"""Demonstrate FlipToast: scoop, draw back, tip the slice onto its edge, and push it over."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lerobot_dexflex.envs.flip_toast import FLIPPED, FlipToastEnv
+from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.experts.tool.script import Pose, Script
+from lerobot_dexflex.experts.tool.spatula import (
+    CARRY_RAISED,
+    STRAIGHT,
+    carry,
+    held_tipped,
+    scoop,
+    spatula_at,
+    spatula_script,
+    take_spatula,
+)
+
+TRIES = 2
+"""After so many the operator gives up."""
+TIP_AT = -0.07
+"""Where the edge tips, from a slice's length behind the rim [m]."""
+TIP_HEIGHT = 0.042
+"""Height of the edge meanwhile [m]: half a slice, so that the slice comes to stand on its own edge."""
+TIP_RAISED = -0.75
+"""Pitch of the spatula then [rad]."""
+TIPPED = held_tipped(-0.3)
+"""How the spatula is held then, palm frame: what of that the fingers turn."""
+PUSH = 0.085
+"""How far the edge pushes the standing slice [m]."""
+
+
+def demonstrate(env: FlipToastEnv, rng: np.random.Generator) -> Iterator[Command]:
+    """Yield the demonstration of the episode that `env` has just been reset to.
+
+    Privileged: reads the true pose of the spatula and of the slice. The caller executes `Command.executed`
+    before it asks for the next command.
+    """
+    episode = env.episode
+    half_width = episode.slice_half_size[0]
+    end = -max(0.004, 2 * half_width - 0.071)  # The slice is not to be pushed against the neck.
+    script = spatula_script(env, rng)
+    yield from take_spatula(script, Pose(*env.spatula_pose), episode.handle_half_width, rng)
+    for _ in range(TRIES):
+        yield from scoop(env, script, half_width + 0.004, episode.slice_mass, end)
+        yield from _turn_over(env, script)
+        if env.turned > FLIPPED:
+            break
+    yield from script.hold(20)
+
+
+def _turn_over(env: FlipToastEnv, script: Script) -> Iterator[Command]:
+    """Let the slice slide off until it stands on its edge, leaning on the blade, and push it over."""
+    origin, turn = env.griddle_pose
+    heading = env.episode.griddle[2]
+    across = (turn.T @ (env.food_pose[0] - origin))[1]
+    x = TIP_AT - 2 * env.episode.slice_half_size[0]
+
+    def blade_at(ahead: float, height: float, raised: float) -> Pose:
+        return spatula_at(origin + turn @ np.array([x + ahead, across, height]), heading, raised)
+
+    held = script.in_palm(*env.spatula_pose)
+    yield from script.glide(*script.palm_for(held, *blade_at(0.0, TIP_HEIGHT, CARRY_RAISED)), 24)
+    script.hand.lead(*TIPPED)
+    for raised in np.linspace(CARRY_RAISED, TIP_RAISED, 19)[1:]:
+        carry(env, script, env.episode.slice_mass)
+        held = script.in_palm(*env.spatula_pose)
+        yield script.step(*script.palm_for(held, *blade_at(0.0, TIP_HEIGHT, raised)))
+    script.hand.brace(np.zeros(3), np.zeros(3))
+    yield from script.hold(6)
+    held = script.in_palm(*env.spatula_pose)
+    yield from script.glide(*script.palm_for(held, *blade_at(PUSH, TIP_HEIGHT + 0.01, TIP_RAISED)), 18)
+    yield from script.glide(*script.palm_for(held, *blade_at(0.0, TIP_HEIGHT + 0.04, TIP_RAISED)), 14)
+    script.hand.lead(*STRAIGHT)
+    yield from script.glide(*script.palm_for(held, *blade_at(-0.02, 0.09, 0.0)), 14)
