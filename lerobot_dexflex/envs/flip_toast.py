@@ -38,6 +38,9 @@ FLIPPED = np.radians(150)
 _TAKEN, _TURN_SHARE = (0.1, 0.2, 0.3), 0.6
 """Progress with the spatula held, off its stand, and below the slice; a slice turned over adds 0.6 to that."""
 
+_HARDNESS = 20.0
+"""Weight of the slice's contact settings against the griddle's, through which it would fall else."""
+
 
 @dataclass(frozen=True)
 class ToastEpisode:
@@ -160,3 +163,5 @@ def add_slice(spec: mujoco.MjSpec, half_size: tuple[float, float], mass: float) 
             rgba=crust,
             **ContactSurface()._asdict(),
         )
+    for geom in body.geoms:
+        geom.solref, geom.solmix = robot.TIP_SOLREF, _HARDNESS

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from lerobot_dexflex.envs.flip_toast import FLIPPED, FlipToastEnv
+from lerobot_dexflex.envs.spatula import BLADE_END
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.experts.tool.spatula import (
@@ -22,14 +23,16 @@ TRIES = 2
 """After so many the operator gives up."""
 TIP_AT = -0.07
 """Where the edge tips, from a slice's length behind the rim [m]."""
-TIP_HEIGHT = 0.042
+TIP_HEIGHT = 0.046
 """Height of the edge meanwhile [m]: half a slice, so that the slice comes to stand on its own edge."""
 TIP_RAISED = -0.75
 """Pitch of the spatula then [rad]."""
+TIP_SPEED, PUSH_SPEED = 0.06, 0.006
+"""How fast it is tipped [rad], and pushes the slice once that slides [m], per control step."""
 TIPPED = held_tipped(-0.3)
 """How the spatula is held then, palm frame: what of that the fingers turn."""
 PUSH = 0.085
-"""How far the edge pushes the standing slice [m]."""
+"""How far the edge pushes the slice [m]."""
 
 
 def demonstrate(env: FlipToastEnv, rng: np.random.Generator) -> Iterator[Command]:
@@ -64,14 +67,19 @@ def _turn_over(env: FlipToastEnv, script: Script) -> Iterator[Command]:
     held = script.in_palm(*env.spatula_pose)
     yield from script.glide(*script.palm_for(held, *blade_at(0.0, TIP_HEIGHT, CARRY_RAISED)), 24)
     script.hand.lead(*TIPPED)
-    for raised in np.linspace(CARRY_RAISED, TIP_RAISED, 19)[1:]:
+    raised, ahead = CARRY_RAISED, 0.0
+    for _ in range(50):
         carry(env, script, env.episode.slice_mass)
         held = script.in_palm(*env.spatula_pose)
-        yield script.step(*script.palm_for(held, *blade_at(0.0, TIP_HEIGHT, raised)))
+        raised = max(raised - TIP_SPEED, TIP_RAISED)
+        sliding = ahead > 0 or env.food_on_spatula()[2] > BLADE_END - 0.01
+        ahead = min(ahead + PUSH_SPEED * sliding, PUSH)
+        yield script.step(*script.palm_for(held, *blade_at(ahead, TIP_HEIGHT, raised)))
+        if ahead == PUSH:
+            break
     script.hand.brace(np.zeros(3), np.zeros(3))
-    yield from script.hold(6)
     held = script.in_palm(*env.spatula_pose)
-    yield from script.glide(*script.palm_for(held, *blade_at(PUSH, TIP_HEIGHT + 0.01, TIP_RAISED)), 18)
+    yield from script.hold(6)
     yield from script.glide(*script.palm_for(held, *blade_at(0.0, TIP_HEIGHT + 0.04, TIP_RAISED)), 14)
     script.hand.lead(*STRAIGHT)
     yield from script.glide(*script.palm_for(held, *blade_at(-0.02, 0.09, 0.0)), 14)
