@@ -5,32 +5,36 @@ from collections.abc import Iterator
 import numpy as np
 
 from lerobot_dexflex.envs.flip_toast import FLIPPED, FlipToastEnv
-from lerobot_dexflex.envs.spatula import BLADE_END
-from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.envs.spatula import BLADE_END, EDGE
+from lerobot_dexflex.experts.command import Command, min_jerk
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.experts.tool.spatula import (
     CARRY_RAISED,
     STRAIGHT,
     carry,
-    held_tipped,
     scoop,
     spatula_at,
     spatula_script,
     take_spatula,
+    tipped,
 )
 
 TRIES = 2
 """After so many the operator gives up."""
 TIP_AT = -0.07
 """Where the edge tips, from a slice's length behind the rim [m]."""
+DRAW_BACK = 30
+"""Control steps for that."""
 TIP_HEIGHT = 0.046
 """Height of the edge meanwhile [m]: half a slice, so that the slice comes to stand on its own edge."""
 TIP_RAISED = -0.75
 """Pitch of the spatula then [rad]."""
 TIP_SPEED, PUSH_SPEED = 0.06, 0.006
 """How fast it is tipped [rad], and pushes the slice once that slides [m], per control step."""
-TIPPED = held_tipped(-0.3)
-"""How the spatula is held then, palm frame: what of that the fingers turn."""
+WOUND_UP = tipped(STRAIGHT, 0.1)
+"""How the spatula is held before it is tipped, palm frame: the arm keeps the blade level meanwhile."""
+TIPPED = tipped(STRAIGHT, -0.3)
+"""How it is held then: what of the pitch the fingers turn."""
 PUSH = 0.085
 """How far the edge pushes the slice [m]."""
 
@@ -64,20 +68,36 @@ def _turn_over(env: FlipToastEnv, script: Script) -> Iterator[Command]:
     def blade_at(ahead: float, height: float, raised: float) -> Pose:
         return spatula_at(origin + turn @ np.array([x + ahead, across, height]), heading, raised)
 
-    held = script.in_palm(*env.spatula_pose)
-    yield from script.glide(*script.palm_for(held, *blade_at(0.0, TIP_HEIGHT, CARRY_RAISED)), 24)
+    before = script.in_palm(*env.spatula_pose)
+
+    def held_now() -> Pose:
+        # Of how the spatula moves in the hand, the arm makes up for pitch alone: following yaw, it sways.
+        now = script.in_palm(*env.spatula_pose)
+        return tipped(before, float(np.arcsin(now.rotation[2, 2]) - np.arcsin(before.rotation[2, 2])))
+
+    def step_to(ahead: float, height: float, raised: float) -> Command:
+        if env.food_on_spatula()[2] < BLADE_END - 0.01:
+            carry(env, script, env.episode.slice_mass)
+        else:
+            script.hand.brace(np.zeros(3), np.zeros(3))
+        return script.step(*script.palm_for(held_now(), *blade_at(ahead, height, raised)))
+
+    position, rotation = env.spatula_pose
+    start = turn.T @ (position + rotation @ EDGE - origin)
+    script.hand.lead(*WOUND_UP)
+    for step in range(1, DRAW_BACK + 1):
+        phase = min_jerk(step / DRAW_BACK)
+        ahead, height = (1 - phase) * (start[0] - x), start[2] + phase * (TIP_HEIGHT - start[2])
+        yield step_to(ahead, height, CARRY_RAISED)
     script.hand.lead(*TIPPED)
     raised, ahead = CARRY_RAISED, 0.0
     for _ in range(50):
-        carry(env, script, env.episode.slice_mass)
-        held = script.in_palm(*env.spatula_pose)
         raised = max(raised - TIP_SPEED, TIP_RAISED)
         sliding = ahead > 0 or env.food_on_spatula()[2] > BLADE_END - 0.01
         ahead = min(ahead + PUSH_SPEED * sliding, PUSH)
-        yield script.step(*script.palm_for(held, *blade_at(ahead, TIP_HEIGHT, raised)))
+        yield step_to(ahead, TIP_HEIGHT, raised)
         if ahead == PUSH:
             break
-    script.hand.brace(np.zeros(3), np.zeros(3))
     held = script.in_palm(*env.spatula_pose)
     yield from script.hold(6)
     yield from script.glide(*script.palm_for(held, *blade_at(0.0, TIP_HEIGHT + 0.04, TIP_RAISED)), 14)

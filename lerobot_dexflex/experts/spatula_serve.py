@@ -9,18 +9,19 @@ from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.experts.tool.spatula import (
     CARRY_RAISED,
+    STRAIGHT,
     arm_at,
     carry,
-    held_tipped,
     scoop,
     spatula_at,
     spatula_script,
     take_spatula,
+    tipped,
 )
 
 TIP_RAISED = -0.5
 """Pitch of the spatula while the patty slides off [rad]."""
-TIPPED = held_tipped(-0.25)
+TIPPED = tipped(STRAIGHT, -0.25)
 """How the spatula is held then, palm frame: what of that the fingers turn."""
 DROP_AHEAD = 0.01
 """Where the edge tips, from the plate's centre away from the robot [m]."""

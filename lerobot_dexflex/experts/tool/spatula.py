@@ -113,10 +113,10 @@ def carry(env: SpatulaEnv, script: Script, mass: float) -> None:
     script.hand.brace(script.rotation.T @ weight, env.food_on_spatula())
 
 
-def held_tipped(pitch: float) -> Pose:
-    """Return how the spatula is held, palm frame, once the fingers have tipped it by a pitch [rad]."""
-    tip = rotation_matrix(np.array([pitch, 0.0, 0.0]))
-    return Pose(GRASP_CENTRE + tip @ (STRAIGHT.position - GRASP_CENTRE), tip @ STRAIGHT.rotation)
+def tipped(held: Pose, pitch: float) -> Pose:
+    """Return how a spatula is held, palm frame, once the fingers have raised its blade by a pitch [rad]."""
+    turn = rotation_matrix(np.array([pitch, 0.0, 0.0]))
+    return Pose(GRASP_CENTRE + turn @ (held.position - GRASP_CENTRE), turn @ held.rotation)
 
 
 def arm_at(point: Array, heading: float) -> tuple[float, ...]:
