@@ -15,7 +15,6 @@ from lerobot_dexflex.envs.scene import (
     robot_at_table,
 )
 from lerobot_dexflex.envs.spatula import (
-    GRIDDLE_HEIGHT,
     LYING,
     SpatulaEnv,
     add_griddle,
@@ -36,7 +35,7 @@ FLIPPED = np.radians(150)
 """A slice that is turned over is turned by more than this [rad]."""
 
 _TAKEN, _TURN_SHARE = (0.1, 0.2, 0.3), 0.6
-"""Progress with the spatula held, off its stand, and below the slice; a slice turned over adds 0.6 to that."""
+"""Progress with the spatula held, off its stand, below the slice; the slice's half turn adds 0.6 to that."""
 
 _HARDNESS = 20.0
 """Weight of the slice's contact settings against the griddle's, through which it would fall else."""
