@@ -145,7 +145,7 @@ class FlipToastEnv(SpatulaEnv):
 
 
 def add_slice(spec: mujoco.MjSpec, half_size: tuple[float, float], mass: float) -> None:
-    """Add a square slice with capsules as its round edges, half width and half height [m], mass [kg]."""
+    """Add a square slice, brown below, its edges round; half width and half height [m], mass [kg]."""
     width, height = half_size
     body = spec.worldbody.add_body(name="toast")
     body.add_freejoint(name="toast")
@@ -164,3 +164,6 @@ def add_slice(spec: mujoco.MjSpec, half_size: tuple[float, float], mass: float) 
         )
     for geom in body.geoms:
         geom.solref, geom.solmix = robot.TIP_SOLREF, _HARDNESS
+    side = (inside, inside, 0.0002)  # For the eye alone.
+    toasted = add_block(body, "toast_side", side, (0, 0, -height + 0.0002), (0.6, 0.38, 0.16, 1))
+    toasted.mass = toasted.contype = toasted.conaffinity = 0
