@@ -1,7 +1,7 @@
 """Shared control of tools: a simulated person leads the hand through interfaces (paper, Table 2).
 
 python eval/shared_control.py
-python eval/shared_control.py --tasks=HammerNail-v0 --methods=raw,dexflex:use_splitter=True --episodes=12 --seed=53000
+python eval/shared_control.py --tasks=HammerNail-v0 --methods=joint,raw --episodes=12 --seed=53000
 
 Tables, tests, a report with films, and pictures of when interfaces intervene (paper, Fig. 4). Interrupt with
 Ctrl-C and run the same command again to continue.
@@ -19,10 +19,9 @@ from lerobot_dexflex.commands.source import check_source
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 
-TOOLS = "BrushSweep-v0,HammerNail-v0,Screwdriver-v0,SpatulaServe-v0"
-METHODS = (
-    "raw,filter,press:1,dexgen:use_splitter=True,dexflex-notouch:use_splitter=True,dexflex:use_splitter=True"
-)
+TOOLS = "BrushSweep-v0,ScrewNut-v0,HammerNail-v0,Screwdriver-v0,SpatulaServe-v0,FlipToast-v0"
+"""In the order of the paper."""
+METHODS = "raw,filter,press:1,projection,dexgen:use_splitter=True,dexflex-notouch:use_splitter=True,dexflex:use_splitter=True"
 """Below a person who presses. The controller takes the squeeze out of the draft and supplies its own."""
 
 
@@ -38,7 +37,7 @@ class Config:
     """How well the person leads, of `commands.levels.LEVELS`; empty: without errors. By default the level at
     which `raw` succeeded as often below this operator, on tuning seeds, as below the paper's people."""
     source: str = "pressing"
-    """What the person's drafts say: `pressing`, where the fingertips should be and the squeeze, or `motion`."""
+    """What the person's drafts say: `pressing`, where fingertips should be and the squeeze, or `motion`."""
     episodes: int = 100
     """Per task and method."""
     seed: int = 400_000

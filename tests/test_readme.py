@@ -192,7 +192,7 @@ def anchors(text):
         ("docs/controller.md", 1000),
         ("docs/benchmark.md", 1100),
         ("docs/tasks.md", 1000),
-        ("docs/tool_tasks.md", 1000),
+        ("docs/tool_tasks.md", 1300),
         ("docs/datasets.md", 1000),
         ("docs/training.md", 1000),
         ("docs/streams.md", 500),

@@ -41,6 +41,12 @@ TASKS = {
         "Pick up the brush and sweep the balls into the dustpan.",
         23,
     ),
+    "FlipToast-v0": TaskInfo(
+        "lerobot_dexflex.envs.flip_toast:FlipToastEnv",
+        500,
+        "Pick up the spatula and turn the slice of toast over on the griddle.",
+        23,
+    ),
     "HammerNail-v0": TaskInfo(
         "lerobot_dexflex.envs.hammer_nail:HammerNailEnv",
         400,

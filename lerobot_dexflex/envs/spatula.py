@@ -1,8 +1,11 @@
-"""A spatula and the stand it lies in, shared by the tasks that use one."""
+"""A spatula, the stand it lies in and a griddle, shared by the tasks that use them."""
+
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 
+from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.scene import add_block
 from lerobot_dexflex.hand import model as robot
 
@@ -21,9 +24,70 @@ EDGE = np.array([BLADE_TOP - (BLADE_END - BLADE_BEND) * np.tan(BEVEL) - EDGE_THI
 LYING = 0.035
 """A spatula whose handle's centre is lower than this has been dropped [m]."""
 
+GRIDDLE_HEIGHT, RIM_HEIGHT = 0.006, 0.010
+"""Height of the griddle over the table and of its rim over the griddle [m]; its frame: origin on its top at
+the foot of the rim, x toward the rim, z up."""
+
 _HANDLE_SHARE, _NECK_SHARE = 0.6, 0.1
 """Shares of the mass; the rest is the blade's."""
 _FOOT_HEIGHT = 0.02
+_HALF_RIM = 0.003
+_BENDING = (0.06, 1.0)
+"""Contact of the blade's edge with what lies below: as soft as a blade that bends."""
+
+
+class SpatulaEnv(HandEnv):
+    """Do something with a spatula to the food on a griddle, whose place is the episode's `griddle`."""
+
+    manipulated = "spatula"
+    food: ClassVar[str]
+    """Name of the body that is scooped up."""
+
+    @property
+    def spatula_pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Position [m] (3,) and orientation (3, 3) of the handle's centre in the world; privileged."""
+        return self._pose_of("spatula")
+
+    @property
+    def food_pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Position [m] (3,) and orientation (3, 3) of the food's centre in the world; privileged."""
+        return self._pose_of(self.food)
+
+    @property
+    def griddle_pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Position [m] (3,) and orientation (3, 3) of the griddle in the world."""
+        x, y, yaw = self.episode.griddle
+        cosine, sine = np.cos(yaw), np.sin(yaw)
+        rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return np.array([x, y, GRIDDLE_HEIGHT]), rotation
+
+    def food_on_spatula(self) -> np.ndarray:
+        """Return the food's centre in the spatula's frame [m]. Shape (3,)."""
+        position, rotation = self.spatula_pose
+        return rotation.T @ (self.food_pose[0] - position)
+
+    def _pose_of(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        body = self.data.body(name)
+        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
+
+    def _food_touches_spatula(self) -> bool:
+        """Say whether they touch, however lightly: food weighs little at each of its many contacts."""
+        bodies = self.model.geom_bodyid[self.data.contact.geom]
+        pair = sorted((self.model.body(self.food).id, self.model.body("spatula").id))
+        return bool((np.sort(bodies, axis=1) == pair).all(1).any())
+
+    def _on_blade(self, half_height: float) -> bool:
+        """Say whether food of a half height [m] lies on the blade."""
+        height, across, along = self.food_on_spatula()
+        above = self._food_touches_spatula() and 0 < height - BLADE_TOP < 2 * half_height
+        return bool(above and abs(across) < BLADE_HALF_WIDTH and BLADE_START < along < BLADE_END)
+
+    def _put_on_griddle(self, x: float, y: float, half_height: float, yaw: float) -> None:
+        """Lay the food on the griddle at x, y [m] in its frame, turned by `yaw` [rad] in the world."""
+        position, rotation = self.griddle_pose
+        pose = self.data.joint(self.food).qpos
+        pose[:3] = position + rotation @ np.array([x, y, half_height + 0.0002])
+        pose[3:] = (np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
 
 
 def add_spatula(spec: mujoco.MjSpec, handle_half_width: float, mass: float, blade_friction: float) -> None:
@@ -105,6 +169,39 @@ def lay_spatula(data: mujoco.MjData, place: tuple[float, float, float], yaw: flo
     pose = data.joint("spatula").qpos
     pose[:3] = (*place[:2], _handle_height() + 0.0003)
     mujoco.mju_mat2Quat(pose[3:7], rotation.ravel())
+
+
+def add_griddle(
+    spec: mujoco.MjSpec, place: tuple[float, float, float], half_size: tuple[float, float], sides: bool
+) -> None:
+    """Add a low board with a rim at its far end, fixed to the table.
+
+    Args:
+        spec: The scene.
+        place: Position x, y [m] of the rim's middle and its yaw [rad].
+        half_size: Half length toward the rim and half width [m].
+        sides: Whether a rim runs along the sides too.
+    """
+    x, y, yaw = place
+    grey, dark = (0.25, 0.26, 0.28, 1), (0.12, 0.12, 0.13, 1)
+    griddle = spec.worldbody.add_body(
+        name="griddle", pos=(x, y, GRIDDLE_HEIGHT), quat=(np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
+    )
+    depth, width = half_size
+    half = GRIDDLE_HEIGHT / 2
+    add_block(griddle, "griddle", (depth, width, half), (-depth, 0, -half), grey)
+    rim = (RIM_HEIGHT + GRIDDLE_HEIGHT) / 2
+    height = rim - GRIDDLE_HEIGHT
+    add_block(griddle, "griddle_rim", (_HALF_RIM, width, rim), (_HALF_RIM, 0, height), dark)
+    for side in (-1, 1) if sides else ():
+        beside = (-depth, side * (width + _HALF_RIM), height)
+        add_block(griddle, f"griddle_side{side}", (depth, _HALF_RIM, rim), beside, dark)
+
+
+def let_blade_bend(spec: mujoco.MjSpec, ground: str, blade_friction: float) -> None:
+    """Make the contact of the blade's edge with a geom as soft as if the blade bent."""
+    pair = spec.add_pair(geomname1="blade_front", geomname2=ground, condim=3)
+    pair.friction[:2], pair.solref = blade_friction, _BENDING
 
 
 def _handle_height() -> float:

@@ -9,6 +9,7 @@ from lerobot_dexflex.experts.command import Expert as Expert
 _EXPERTS = {
     "AssembleTable-v0": "lerobot_dexflex.experts.assemble_table:demonstrate",
     "BrushSweep-v0": "lerobot_dexflex.experts.brush_sweep:demonstrate",
+    "FlipToast-v0": "lerobot_dexflex.experts.flip_toast:demonstrate",
     "HammerNail-v0": "lerobot_dexflex.experts.hammer_nail:demonstrate",
     "PlaceHammer-v0": "lerobot_dexflex.experts.place_hammer:demonstrate",
     "PourCup-v0": "lerobot_dexflex.experts.pour_cup:demonstrate",

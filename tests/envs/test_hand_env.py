@@ -16,6 +16,7 @@ SEED = 7
 MAX_STEPS = {
     "AssembleTable-v0": 500,
     "BrushSweep-v0": 400,
+    "FlipToast-v0": 500,
     "HammerNail-v0": 400,
     "PlaceHammer-v0": 300,
     "PourCup-v0": 400,
@@ -60,6 +61,13 @@ def test_the_same_seed_gives_the_same_episode_and_another_one_another(any_env):
 RANGES = {
     "AssembleTable-v0": {"mass": (0.03, 0.07), "leg_radius": (0.0115, 0.015), "tip_friction": (0.8, 1.2)},
     "BrushSweep-v0": {"mass": (0.05, 0.10), "handle_half_width": (0.009, 0.014), "tip_friction": (0.8, 1.2)},
+    "FlipToast-v0": {
+        "mass": (0.04, 0.06),
+        "slice_mass": (0.025, 0.04),
+        "handle_half_width": (0.009, 0.014),
+        "tip_friction": (0.8, 1.2),
+        "blade_friction": (0.2, 0.3),
+    },
     "HammerNail-v0": {"mass": (0.09, 0.16), "nail_friction": (5.0, 8.0), "tip_friction": (0.8, 1.2)},
     "PlaceHammer-v0": {"mass": (0.06, 0.16), "handle_radius": (0.010, 0.015), "tip_friction": (0.8, 1.2)},
     "PourCup-v0": {"mass": (0.05, 0.10), "handle_half_width": (0.008, 0.013), "tip_friction": (0.8, 1.2)},

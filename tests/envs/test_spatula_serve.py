@@ -95,7 +95,7 @@ def test_spatula_and_patty_lie_where_the_episode_says_and_stay(env):
         assert np.arccos(env.spatula_pose[1][:, 2] @ (np.cos(yaw), np.sin(yaw), 0)) < 0.03
         assert np.allclose(env.spatula_pose[0][:2], episode.stand[:2], atol=2e-3)
         origin, turn = env.griddle_pose
-        local = turn.T @ (env.patty_pose[0] - origin)
+        local = turn.T @ (env.food_pose[0] - origin)
         gap, across, _ = episode.patty
         assert np.allclose(local, (-episode.patty_radius - gap, across, PATTY_HALF_HEIGHT), atol=1e-3)
 
@@ -105,13 +105,13 @@ def test_a_blade_pushed_along_the_griddle_gets_below_the_patty(env, held, seed):
     env.reset(seed=seed)
     scoop(env)
     assert env._update()["progress"] == pytest.approx(3 / 6)
-    height, across, along = env.patty_on_spatula()
+    height, across, along = env.food_on_spatula()
     assert height - BLADE_TOP == pytest.approx(PATTY_HALF_HEIGHT, abs=0.002)
     assert abs(across) < 0.008
     assert along - env.episode.patty_radius > BLADE_START
     position, rotation = env.spatula_pose
     lead(env, lambda phase: Pose(position + np.array([0, 0, 0.05 * phase]), rotation), 0.5)
-    assert env.patty_pose[0][2] > 0.05
+    assert env.food_pose[0][2] > 0.05
     assert env._update()["progress"] == pytest.approx(4 / 6)
 
 
@@ -190,7 +190,7 @@ def test_a_patty_that_still_lies_on_the_spatula_is_not_served(env, held):
 
 def test_progress_stays_when_the_patty_is_put_back(env, held):
     env.reset(seed=SEED)
-    back = env.patty_pose[0].copy()
+    back = env.food_pose[0].copy()
     put_on_plate(env)
     assert wait(env, 3)["progress"] == 1
     place(env, "patty", back)

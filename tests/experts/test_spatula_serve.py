@@ -47,7 +47,7 @@ def serve(seed: int) -> Serving:
         commands.append(command)
         handle = env.data.body("palm").xmat.reshape(3, 3).T @ env.spatula_pose[1][:, 2]
         tips = kernels.fingertips(env.data.qpos[7:23])
-        rows.append((info, tips, env.pad_forces, handle, env.patty_on_spatula()))
+        rows.append((info, tips, env.pad_forces, handle, env.food_on_spatula()))
         if done or len(rows) == TASKS["SpatulaServe-v0"].max_episode_steps:
             break
     infos, *arrays = zip(*rows, strict=True)

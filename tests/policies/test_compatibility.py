@@ -114,8 +114,8 @@ def pour_cup(tiny, tmp_path):
         (
             ["--env.task=Reach-v0"],
             r"state of shape \(23,\), but the environment Reach-v0 offers shape \(16,\). "
-            r"It fits --env.task=AssembleTable-v0\|BrushSweep-v0\|HammerNail-v0\|PlaceHammer-v0\|PourCup-v0\|"
-            r"ScrewNut-v0\|Screwdriver-v0\|SpatulaServe-v0 with "
+            r"It fits --env.task=AssembleTable-v0\|BrushSweep-v0\|FlipToast-v0\|HammerNail-v0\|"
+            r"PlaceHammer-v0\|PourCup-v0\|ScrewNut-v0\|Screwdriver-v0\|SpatulaServe-v0 with "
             r"--env.options='\{\"cameras\": \[\"front\", \"wrist\"\], \"image_size\": 96\}'",
         ),
         (['--env.options={"cameras": ["front"]}'], r"reads observation.images.wrist, which the environment"),

@@ -16,7 +16,7 @@ from lerobot_dexflex.teleop.stream_config import StreamConfig
         (
             ["--task=Reach-v0", "--source=rokoko"],
             "Reach-v0 has no arm to lead. Valid tasks: AssembleTable-v0, BrushSweep-v0, "
-            "HammerNail-v0, PlaceHammer-v0, PourCup-v0, ScrewNut-v0, Screwdriver-v0, "
+            "FlipToast-v0, HammerNail-v0, PlaceHammer-v0, PourCup-v0, ScrewNut-v0, Screwdriver-v0, "
             "SpatulaServe-v0.",
         ),
         (["--source=psychic"], "`source` must be one of rokoko, openxr, mediapipe, replay, simulated. Got"),
