@@ -21,7 +21,10 @@ from lerobot_dexflex.errors import DexFlexError
 
 TOOLS = "BrushSweep-v0,ScrewNut-v0,HammerNail-v0,Screwdriver-v0,SpatulaServe-v0,FlipToast-v0"
 """In the order of the paper."""
-METHODS = "raw,filter,press:1,projection,dexgen:use_splitter=True,dexflex-notouch:use_splitter=True,dexflex:use_splitter=True"
+METHODS = (
+    "raw,filter,press:1,projection,dexgen:use_splitter=True,dexflex-notouch:use_splitter=True,"
+    "dexflex:use_splitter=True"
+)
 """Below a person who presses. The controller takes the squeeze out of the draft and supplies its own."""
 
 

@@ -10,7 +10,7 @@ from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, check_
 from lerobot_dexflex.interfaces.raw import MEANING
 
 SHARE, LIMIT = 0.7, 0.03
-"""Defaults of `FilterInterface`; the share was chosen on tuning seeds of tools, below a `novice` who presses."""
+"""Defaults of `FilterInterface`; the share was chosen on tuning seeds of tools, below a pressing `novice`."""
 
 
 class FilterInterface(CommandedInterface):
