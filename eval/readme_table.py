@@ -90,7 +90,7 @@ VIEWS = {
     ),
     "typical": View(POLICIES, "typical", "PlaceHammer-v0", trainings=True, against="dexflex"),
     "ten": View("demos10/joint,demos10-commanded/raw,demos10/dexgen,demos10/dexflex", tasks=TOLD_APART),
-    "motion_only": View("motion/raw,motion/press:4,motion/dexgen,motion/dexflex", tasks="PlaceHammer-v0"),
+    "motion_only": View("motion/raw,motion/press:4,motion/dexgen,motion/dexflex", tasks=TOLD_APART),
     "fifty": View("joint,commanded/raw,dexgen,dexflex", tasks=TOLD_APART),
 }
 """What a document may show, by name."""

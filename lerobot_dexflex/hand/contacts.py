@@ -86,7 +86,7 @@ def contact_names(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> set[
 
 def touched_by_hand(names: set[str]) -> bool:
     """Say whether a link of the hand is among the names of `contact_names`."""
-    return any(name[:2] in FINGERS or name.startswith("palm") for name in names)
+    return any(name.partition("_")[0] in FINGERS or name.startswith("palm") for name in names)
 
 
 def pinched(names: set[str]) -> bool:
