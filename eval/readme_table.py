@@ -32,6 +32,8 @@ POLICIES = "joint,commanded/raw,commanded/press:1,press:4,dexgen,dexflex-notouch
 """Measured under policies, which learned joint targets, commanded and measured fingertips."""
 SPLIT = "dexflex:use_splitter=True"
 """The controller below a source that presses."""
+MOTION_ONLY = "motion/raw,motion/press:4,motion/dexgen,motion/dexflex"
+"""Measured under policies that learned measured fingertips alone."""
 OPERATOR = (
     "operator/joint,operator/raw,operator-pressing/raw,operator/press:4,operator/dexgen,operator/dexflex"
 )
@@ -90,7 +92,9 @@ VIEWS = {
     ),
     "typical": View(POLICIES, "typical", "PlaceHammer-v0", trainings=True, against="dexflex"),
     "ten": View("demos10/joint,demos10-commanded/raw,demos10/dexgen,demos10/dexflex", tasks=TOLD_APART),
-    "motion_only": View("motion/raw,motion/press:4,motion/dexgen,motion/dexflex", tasks=TOLD_APART),
+    "motion_only": View(MOTION_ONLY, tasks="PlaceHammer-v0", trainings=True),
+    "motion_only_pitchers": View(MOTION_ONLY, tasks="PourCup-v0"),
+    "act": View(f"act/joint,act/raw,act/{SPLIT},act10/joint,act10/raw,act10/{SPLIT}", tasks="PourCup-v0"),
     "fifty": View("joint,commanded/raw,dexgen,dexflex", tasks=TOLD_APART),
 }
 """What a document may show, by name."""
