@@ -23,7 +23,7 @@ from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera, place_robot
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.envs.thread import catch, has_caught, turns_in
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.arm import rotation_matrix
+from lerobot_dexflex.hand.arm import about_z, rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
 
 ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, np.pi / 2)
@@ -94,16 +94,15 @@ class AssembleTableEnv(HandEnv):
     def _initialise(self, episode: LegEpisode) -> None:
         place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
         x, y, yaw = episode.rack
-        rack = _about_z(yaw) @ rotation_matrix(np.array([0.0, episode.lean, 0.0]))
+        rack = about_z(yaw) @ rotation_matrix(np.array([0.0, episode.lean, 0.0]))
         pose = self.data.joint("leg").qpos
         pose[:3] = np.array([x, y, 0.0]) + (RACK_FLOOR + STUD_LENGTH + 0.0005) * rack[:, 2]
-        mujoco.mju_mat2Quat(pose[3:7], (rack @ _about_z(episode.leg_yaw)).ravel())
+        mujoco.mju_mat2Quat(pose[3:7], (rack @ about_z(episode.leg_yaw)).ravel())
 
     @property
     def leg_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Position [m] (3,) of the shaft's lower end and orientation (3, 3), z along the leg; privileged."""
-        body = self.data.body("leg")
-        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
+        return self._pose_of("leg")
 
     @property
     def goal_position(self) -> np.ndarray:
@@ -157,7 +156,3 @@ class AssembleTableEnv(HandEnv):
         beside = np.linalg.norm(tip[:2] - self.episode.socket[:2])
         above = abs(tip[2] - THREAD_ENTRY)
         return bool(beside < CATCH_RADIUS and above < CATCH_HEIGHT and rotation[2, 2] > np.cos(CATCH_TILT))
-
-
-def _about_z(angle: float) -> np.ndarray:
-    return rotation_matrix(np.array([0.0, 0.0, angle]))

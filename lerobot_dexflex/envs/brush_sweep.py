@@ -133,8 +133,7 @@ class BrushSweepEnv(HandEnv):
     @property
     def brush_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Position [m] (3,) and orientation (3, 3) of the handle's centre in the world; privileged."""
-        body = self.data.body("brush")
-        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
+        return self._pose_of("brush")
 
     @property
     def pan_pose(self) -> tuple[np.ndarray, np.ndarray]:

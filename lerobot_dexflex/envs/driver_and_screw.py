@@ -3,12 +3,10 @@
 import mujoco
 import numpy as np
 
-from lerobot_dexflex.envs.scene import ContactSurface, add_block, add_wall
+from lerobot_dexflex.envs.scene import ContactSurface, Pose2, add_block, add_wall
+from lerobot_dexflex.envs.thread import add_lead
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.poses import quaternion_of, quaternion_product
-
-Pose2 = tuple[float, float, float]
-"""Position x, y on the table [m] and yaw [rad]."""
 
 HANDLE_LENGTH, BIT_LENGTH, BIT_RADIUS = 0.13, 0.055, 0.003
 STAND_HEIGHT = 0.060
@@ -45,25 +43,13 @@ def add_screw(spec: mujoco.MjSpec, pose: Pose2) -> None:
     The bit turns it by torsional friction alone, hence only while it is pressed onto the floor of the recess,
     and slips above `BITE` times that force. The recess is round: it keeps the bit upright to 8 degrees.
     """
-    # Without it the turn-slide coupling is far too soft, as in AssembleTable.
-    spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)
     x, y, yaw = pose
     quaternion = (np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
     block = spec.worldbody.add_body(name="block", pos=(x, y, 0), quat=quaternion)
     add_block(block, "block", _BLOCK_HALF_SIZE, (0, 0, _BLOCK_HALF_SIZE[2]), (0.55, 0.38, 0.22, 1))
     screw = spec.worldbody.add_body(name="screw", pos=(x, y, SEAT), quat=quaternion, gravcomp=1)
-    turn = screw.add_joint(name="screw_turn", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1))
-    turn.frictionloss, turn.armature, turn.damping[0] = SCREW_FRICTION, 2e-4, 0.002
-    turn.range, turn.limited, turn.solref_limit = (-2 * np.pi * TURNS, 0.05), True, (2 * robot.TIMESTEP, 1)
+    turn = add_lead(spec, screw, "screw", PITCH, TURNS, SCREW_FRICTION, 0.05)
     turn.solref_friction = (2 * robot.TIMESTEP, 1)  # The default creeps below the friction's torque.
-    slide = screw.add_joint(name="screw_slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
-    slide.armature = 0.05
-    coupling = spec.add_equality(
-        name="screw_lead", type=mujoco.mjtEq.mjEQ_JOINT, name1="screw_slide", name2="screw_turn"
-    )
-    coupling.objtype = mujoco.mjtObj.mjOBJ_JOINT
-    coupling.data[:5] = (0, PITCH / (2 * np.pi), 0, 0, 0)
-    coupling.solref = (2 * robot.TIMESTEP, 1)
     _add_head(screw)
     spec.add_exclude(bodyname1="screw", bodyname2="block")
 

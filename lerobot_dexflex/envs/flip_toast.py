@@ -15,7 +15,7 @@ from lerobot_dexflex.envs.scene import (
     robot_at_table,
 )
 from lerobot_dexflex.envs.spatula import (
-    LYING,
+    ARM_START,
     SpatulaEnv,
     add_griddle,
     add_spatula,
@@ -27,8 +27,6 @@ from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
 
-ARM_START = (0.40, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2 + 0.40)
-"""Arm at the start of an episode [rad]: the hand hovers behind the stand, palm down."""
 GRIDDLE_HALF_SIZE = (0.11, 0.075)
 """Half length toward the rim and half width [m]."""
 FLIPPED = np.radians(150)
@@ -134,11 +132,10 @@ class FlipToastEnv(SpatulaEnv):
         turn = _TAKEN[-1] + _TURN_SHARE * self.turned / np.pi if holding and self.turned > 0.2 else 0.0
         progress = max(taken, turn, float(flipped), self.memory.get("progress", 0.0))
         self.memory["progress"] = progress
-        lying = self.spatula_pose[0][2] < LYING
         return {
             "is_success": has_settled(self.memory, flipped),
             "progress": progress,
-            "dropped": bool((lying and not holding) or "floor" in touching or below & {"table", "floor"}),
+            "dropped": self._dropped(holding, touching, below),
             "holding": holding,
             "contacts": contact_flags(touching),
         }

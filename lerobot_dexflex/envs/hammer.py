@@ -75,9 +75,3 @@ def lay_hammer(data: mujoco.MjData, position: tuple[float, float], rotation: np.
     pose = data.joint("hammer").qpos
     pose[:3] = (*position, CRADLE_HEIGHT + 0.0005)
     mujoco.mju_mat2Quat(pose[3:7], rotation.ravel())
-
-
-def hammer_pose(data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-    """Return position [m] (3,) and orientation (3, 3) of the handle's centre in the world."""
-    body = data.body("hammer")
-    return body.xpos.copy(), body.xmat.reshape(3, 3).copy()

@@ -13,7 +13,6 @@ from lerobot_dexflex.envs.hammer import (
     HEAD_HALF_SIZE,
     add_cradle,
     add_hammer,
-    hammer_pose,
     lay_hammer,
 )
 from lerobot_dexflex.envs.hand_env import HandEnv
@@ -104,7 +103,7 @@ class HammerNailEnv(HandEnv):
     @property
     def hammer_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Position [m] (3,) and orientation (3, 3) of the handle's centre in the world; privileged."""
-        return hammer_pose(self.data)
+        return self._pose_of("hammer")
 
     @property
     def nail_depth(self) -> float:

@@ -192,6 +192,11 @@ class HandEnv(gymnasium.Env):
         mujoco.mj_forward(model, data)
         self._command = target
 
+    def _pose_of(self, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return position [m] (3,) and orientation (3, 3) of a body's frame in the world."""
+        body = self.data.body(name)
+        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
+
     def physics_state(self) -> NDArray[np.float64]:
         """Return MuJoCo's integration state, the part of a snapshot that is of the simulator."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION

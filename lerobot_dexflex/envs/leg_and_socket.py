@@ -3,12 +3,9 @@
 import mujoco
 import numpy as np
 
-from lerobot_dexflex.envs.scene import ContactSurface, add_block, add_wall
+from lerobot_dexflex.envs.scene import ContactSurface, Pose2, add_block, add_wall
 from lerobot_dexflex.envs.thread import add_thread
 from lerobot_dexflex.hand.poses import quaternion_of, quaternion_product
-
-Pose2 = tuple[float, float, float]
-"""Position x, y on the table [m] and yaw [rad]."""
 
 LEG_LENGTH, STUD_LENGTH, STUD_RADIUS = 0.12, 0.016, 0.0072
 PITCH, TURNS = 0.004, 0.35

@@ -3,12 +3,9 @@
 import mujoco
 import numpy as np
 
-from lerobot_dexflex.envs.scene import ContactSurface, add_block, add_wall
+from lerobot_dexflex.envs.scene import ContactSurface, Pose2, add_block, add_wall
 from lerobot_dexflex.envs.thread import add_thread
 from lerobot_dexflex.hand import model as robot
-
-Pose2 = tuple[float, float, float]
-"""Position x, y on the table [m] and yaw [rad]."""
 
 PITCH, TURNS = 0.002, 0.5
 """The thread: lead per turn [m], and turns until the nut is tight."""

@@ -117,8 +117,7 @@ class PourCupEnv(HandEnv):
     @property
     def pitcher_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Position [m] (3,) and orientation (3, 3) of the pitcher's bottom in the world; privileged."""
-        body = self.data.body("pitcher")
-        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
+        return self._pose_of("pitcher")
 
     @property
     def ball_positions(self) -> NDArray[np.float64]:

@@ -10,6 +10,8 @@ from lerobot_dexflex.envs.rendering import add_lights, tune_visuals
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.body import Vector3
 
+Pose2 = tuple[float, float, float]
+"""Position x, y on the table [m] and yaw [rad]."""
 _BALL_DAMPING = 5e-7
 """Rolling resistance [N m s/rad]: a ball of 15 mm and 1.5 g loses its speed in about 0.2 s."""
 

@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.envs.hand_env import HandEnv
-from lerobot_dexflex.envs.nut_and_bolt import DOME_HEIGHT, TURNS, Pose2, add_bolt, add_nut
-from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera, place_robot, robot_at_table
+from lerobot_dexflex.envs.nut_and_bolt import DOME_HEIGHT, TURNS, add_bolt, add_nut
+from lerobot_dexflex.envs.scene import Pose2, add_camera, add_wrist_camera, place_robot, robot_at_table
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.envs.thread import catch, has_caught, turns_in
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.arm import rotation_matrix
+from lerobot_dexflex.hand.arm import about_z, rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
 
 ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, np.pi / 2)
@@ -89,13 +89,12 @@ class ScrewNutEnv(HandEnv):
         turn = rotation_matrix(np.array([-np.sin(toward), np.cos(toward), 0.0]) * tilt)
         pose = self.data.joint("nut").qpos
         pose[:3] = self.goal_position
-        mujoco.mju_mat2Quat(pose[3:7], (turn @ rotation_matrix(np.array([0, 0, episode.nut_yaw]))).ravel())
+        mujoco.mju_mat2Quat(pose[3:7], (turn @ about_z(episode.nut_yaw)).ravel())
 
     @property
     def nut_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Position [m] (3,) of the frame, below the hole, orientation (3, 3) with z along it; privileged."""
-        body = self.data.body("nut")
-        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
+        return self._pose_of("nut")
 
     @property
     def goal_position(self) -> np.ndarray:

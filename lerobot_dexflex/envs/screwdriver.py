@@ -10,16 +10,16 @@ from lerobot_dexflex.envs.driver_and_screw import (
     BIT_LENGTH,
     STAND_HEIGHT,
     TURNS,
-    Pose2,
     add_driver,
     add_screw,
     add_stand,
 )
 from lerobot_dexflex.envs.hand_env import HandEnv
-from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera, place_robot, robot_at_table
+from lerobot_dexflex.envs.scene import Pose2, add_camera, add_wrist_camera, place_robot, robot_at_table
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
+from lerobot_dexflex.envs.thread import turns_in
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.arm import rotation_matrix
+from lerobot_dexflex.hand.arm import about_z, rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
 
 ARM_START = (0.0, 0.05, 0.05, 0.3, 3.2, 1.35, -1.6)
@@ -87,16 +87,15 @@ class ScrewdriverEnv(HandEnv):
     def _initialise(self, episode: DriverEpisode) -> None:
         place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
         x, y, yaw = episode.stand
-        stand = _about_z(yaw) @ rotation_matrix(np.array([episode.lean, 0.0, 0.0]))
+        stand = about_z(yaw) @ rotation_matrix(np.array([episode.lean, 0.0, 0.0]))
         pose = self.data.joint("driver").qpos
         pose[:3] = np.array([x, y, 0.0]) + (STAND_HEIGHT + 0.0005) * stand[:, 2]
-        mujoco.mju_mat2Quat(pose[3:7], (stand @ _about_z(episode.driver_yaw)).ravel())
+        mujoco.mju_mat2Quat(pose[3:7], (stand @ about_z(episode.driver_yaw)).ravel())
 
     @property
     def driver_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Position [m] (3,) of the handle's lower end, orientation (3, 3) with z along it; privileged."""
-        body = self.data.body("driver")
-        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
+        return self._pose_of("driver")
 
     @property
     def goal_position(self) -> np.ndarray:
@@ -106,7 +105,7 @@ class ScrewdriverEnv(HandEnv):
     @property
     def turns(self) -> float:
         """Turns by which the screw has been turned in."""
-        return max(0.0, -float(self.data.joint("screw_turn").qpos[0]) / (2 * np.pi))
+        return turns_in(self.data, "screw")
 
     @property
     def tight(self) -> bool:
@@ -139,7 +138,3 @@ class ScrewdriverEnv(HandEnv):
             "holding": holding,
             "contacts": contact_flags(touching),
         }
-
-
-def _about_z(angle: float) -> np.ndarray:
-    return rotation_matrix(np.array([0.0, 0.0, angle]))

@@ -9,6 +9,8 @@ from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.scene import add_block
 from lerobot_dexflex.hand import model as robot
 
+ARM_START = (0.40, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2 + 0.40)
+"""Arm at the start of an episode [rad]: the hand hovers behind the stand, palm down."""
 HANDLE_HALF_DEPTH, HANDLE_HALF_LENGTH = 0.008, 0.068
 """Half height and half length of the handle's bar [m]; the spatula's frame: origin in the middle of it, z
 along it to the blade, x up."""
@@ -66,15 +68,22 @@ class SpatulaEnv(HandEnv):
         position, rotation = self.spatula_pose
         return rotation.T @ (self.food_pose[0] - position)
 
-    def _pose_of(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        body = self.data.body(name)
-        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
-
     def _food_touches_spatula(self) -> bool:
         """Say whether they touch, however lightly: food weighs little at each of its many contacts."""
         bodies = self.model.geom_bodyid[self.data.contact.geom]
         pair = sorted((self.model.body(self.food).id, self.model.body("spatula").id))
         return bool((np.sort(bodies, axis=1) == pair).all(1).any())
+
+    def _dropped(self, holding: bool, touching: set[str], below: set[str]) -> bool:
+        """Say whether the spatula lies in no hand, or the food beside griddle and plate.
+
+        Args:
+            holding: Whether the spatula is held.
+            touching: What pushes on the spatula; see `contact_names`.
+            below: What pushes on the food.
+        """
+        lying = self.spatula_pose[0][2] < LYING
+        return bool((lying and not holding) or "floor" in touching or below & {"table", "floor"})
 
     def _on_blade(self, half_height: float) -> bool:
         """Say whether food of a half height [m] lies on the blade."""

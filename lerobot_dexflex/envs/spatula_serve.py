@@ -14,8 +14,8 @@ from lerobot_dexflex.envs.scene import (
     robot_at_table,
 )
 from lerobot_dexflex.envs.spatula import (
+    ARM_START,
     GRIDDLE_HEIGHT,
-    LYING,
     SpatulaEnv,
     add_griddle,
     add_spatula,
@@ -27,8 +27,6 @@ from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
 
-ARM_START = (0.40, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2 + 0.40)
-"""Arm at the start of an episode [rad]: the hand hovers behind the stand, palm down."""
 PATTY_HALF_HEIGHT = 0.006
 PLATE_RADIUS, PLATE_HEIGHT = 0.08, 0.010
 MOST_TILTED = np.radians(20)
@@ -129,7 +127,6 @@ class SpatulaServeEnv(SpatulaEnv):
         at_rest = np.linalg.norm(self.data.joint("patty").qvel[:3]) < 0.02
         flat = abs(tilt[2, 2]) > np.cos(MOST_TILTED)
         served = holding and over_plate and at_rest and flat and below == {"plate"} and not touched
-        lying = self.spatula_pose[0][2] < LYING
         in_stand = any(name.startswith("stand") for name in touching)
         stages = (
             holding,
@@ -142,7 +139,7 @@ class SpatulaServeEnv(SpatulaEnv):
         return {
             "is_success": has_settled(self.memory, served),
             "progress": furthest_progress(self.memory, stages),
-            "dropped": bool((lying and not holding) or "floor" in touching or below & {"table", "floor"}),
+            "dropped": self._dropped(holding, touching, below),
             "holding": holding,
             "contacts": contact_flags(touching),
         }

@@ -39,6 +39,11 @@ def rotation_matrix(vector: Array) -> Array:
     return matrix.reshape(3, 3)
 
 
+def about_z(angle: float) -> Array:
+    """Return the rotation matrix (3, 3) of a turn about z [rad]."""
+    return rotation_matrix(np.array([0.0, 0.0, angle]))
+
+
 class ArmKinematics:
     """Forward and inverse kinematics of a point fixed to the palm.
 
