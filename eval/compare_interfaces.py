@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_dexflex import console
-from lerobot_dexflex.commands.source import check_source
+from lerobot_dexflex.commands.source import check_source, operator_label
+from lerobot_dexflex.console import names
 from lerobot_dexflex.conventions import COMMANDED, DRAFTS
-from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.envs.registration import check_tasks
 from lerobot_dexflex.errors import DexFlexError
 
 _ROOT = Path(__file__).resolve().parents[1]
@@ -79,8 +80,7 @@ class Config:
     """Run a few episodes, within five minutes on two cores."""
 
     def __post_init__(self) -> None:
-        if strangers := [name for name in names(self.tasks) if name not in TASKS]:
-            raise DexFlexError(f"Unknown task {strangers[0]!r}. Valid tasks: {', '.join(TASKS)}.")
+        check_tasks(names(self.tasks))
         for name in ("workers", "episodes", "seed"):
             if getattr(self, name) < 0:
                 raise DexFlexError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
@@ -167,7 +167,7 @@ def label(config: Config) -> str:
     if config.label or not (config.operator or config.backbone):
         return config.label or (COMMANDED if config.draft == COMMANDED else "")
     if config.operator:
-        return "operator" if config.source == "motion" else f"operator-{config.source}"
+        return operator_label(check_source(config.source))
     from lerobot_dexflex.evaluation.checkpoints import policy_type
 
     assert config.backbone is not None
@@ -205,11 +205,6 @@ def next_command(words: list[str]) -> str:
     local = python.relative_to(Path.cwd()) if python.is_relative_to(Path.cwd()) else python
     kept = [word for word in words if word != "--demo=true"]
     return shlex.join([str(local), "eval/compare_interfaces.py", *kept, f"--episodes={EPISODES}"])
-
-
-def names(text: str) -> tuple[str, ...]:
-    """Return the words of a comma-separated list."""
-    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 if __name__ == "__main__":

@@ -98,8 +98,8 @@ def _work(config: Config, words: list[str]) -> int:
     ablations = [f"dexflex-{name}" for name in INTERFACES["dexflex"].ablations] if config.ablations else []
     variants = (*ablations, *GRID_METHODS * config.grid)
     benchmark = Benchmark(
-        methods=(*_names(config.methods or methods), *variants),
-        conditions=_names(config.conditions or conditions),
+        methods=(*console.names(config.methods or methods), *variants),
+        conditions=console.names(config.conditions or conditions),
         output=config.output or OUTPUT / kind,
         chains=config.chains,
         episodes=config.episodes or episodes,
@@ -116,10 +116,6 @@ def _work(config: Config, words: list[str]) -> int:
     page = write_report(benchmark, summary, films=config.films)
     print(f"\n{markdown(summary)}\n\nReport: {page}")
     return 0
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 if __name__ == "__main__":

@@ -48,10 +48,10 @@ def _work(config: Config, words: list[str]) -> int:
     from lerobot_dexflex.evaluation.summary import summarise
 
     demonstrations = load_demonstrations(config.root)
-    conditions = _names(config.conditions)
+    conditions = console.names(config.conditions)
     comparison = Comparison(
         players={demonstrations.task: Replays(config.root, config.draft)},
-        methods=_names(config.methods),
+        methods=console.names(config.methods),
         output=config.output,
         conditions=conditions,
         seeds=demonstrations.seeds,
@@ -66,10 +66,6 @@ def _work(config: Config, words: list[str]) -> int:
     print(f"\nThe expert succeeded in {successes} of {attempts} attempts; its successes were replayed.")
     print(f"Rows: {comparison.table}")
     return 0
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 if __name__ == "__main__":

@@ -15,8 +15,9 @@ from typing import Any
 
 from lerobot_dexflex import console
 from lerobot_dexflex.commands.levels import LEVELS
-from lerobot_dexflex.commands.source import check_source
-from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.commands.source import check_source, operator_label
+from lerobot_dexflex.console import names
+from lerobot_dexflex.envs.registration import check_tasks
 from lerobot_dexflex.errors import DexFlexError
 
 TOOLS = "BrushSweep-v0,ScrewNut-v0,HammerNail-v0,Screwdriver-v0,SpatulaServe-v0,FlipToast-v0"
@@ -59,8 +60,7 @@ class Config:
     def __post_init__(self) -> None:
         if self.level not in ("", *LEVELS):
             raise DexFlexError(f"`level` must be empty or one of {', '.join(LEVELS)}. Got {self.level!r}.")
-        if strangers := [name for name in names(self.tasks) if name not in TASKS]:
-            raise DexFlexError(f"Unknown task {strangers[0]!r}. Valid tasks: {', '.join(TASKS)}.")
+        check_tasks(names(self.tasks))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -99,16 +99,11 @@ def build(config: Config) -> Any:
         output=config.output,
         conditions=(config.level or CLEAN,),
         seeds=range(config.seed, config.seed + config.episodes),
-        label="operator" if source == "motion" else f"operator-{source}",
+        label=operator_label(source),
         cameras=False,
         videos=config.videos,
         rerun=config.rerun,
     )
-
-
-def names(text: str) -> tuple[str, ...]:
-    """Return the words of a comma-separated list."""
-    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 if __name__ == "__main__":

@@ -55,6 +55,11 @@ def release() -> int:
     return _main("lerobot_policy_dexflex.release")
 
 
+def names(text: str) -> tuple[str, ...]:
+    """Return the words of a comma-separated list."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
 def _main(module: str) -> int:
     return importlib.import_module(module).main()
 

@@ -10,6 +10,11 @@ factor of what a position servo needs for the operator's grip."""
 SOURCES: tuple[Source, ...] = get_args(Source)
 
 
+def operator_label(source: Source) -> str:
+    """Return what tells an operator's rows in a table by what the drafts say."""
+    return "operator" if source == "motion" else f"operator-{source}"
+
+
 def check_source(name: str) -> Source:
     """Return the source with this name.
 

@@ -1,8 +1,11 @@
 """Register the tasks with Gymnasium by string entry points, so that importing costs nothing."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import gymnasium
+
+from lerobot_dexflex.errors import DexFlexError
 
 NAMESPACE = "lerobot_dexflex"
 
@@ -103,3 +106,13 @@ def register_tasks() -> None:
         gym_id = f"{NAMESPACE}/{name}"
         if gym_id not in gymnasium.registry:
             gymnasium.register(gym_id, entry_point=task.entry_point, max_episode_steps=task.max_episode_steps)
+
+
+def check_tasks(names: Iterable[str]) -> None:
+    """Refuse names that are no tasks.
+
+    Raises:
+        DexFlexError: If one is unknown.
+    """
+    if strangers := [name for name in names if name not in TASKS]:
+        raise DexFlexError(f"Unknown task {strangers[0]!r}. Valid tasks: {', '.join(TASKS)}.")

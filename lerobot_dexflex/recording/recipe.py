@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar
 
-from lerobot_dexflex.envs.registration import TASKS
+from lerobot_dexflex.envs.registration import TASKS, check_tasks
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.recording.repo import check_repo_id
@@ -70,8 +70,7 @@ class Recipe:
     """Upload nothing, but build what would be uploaded in `<this folder>/<repo_id>`, offline, and list it."""
 
     def __post_init__(self) -> None:
-        if self.task not in TASKS:
-            raise DexFlexError(f"Unknown task {self.task!r}. Valid tasks: {', '.join(TASKS)}.")
+        check_tasks([self.task])
         if self.episodes < 1:
             raise DexFlexError(f"`episodes` must be at least 1. Got {self.episodes}.")
         if self.seed < 0:
