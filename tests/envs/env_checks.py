@@ -1,6 +1,7 @@
 """What the tests of several tasks need."""
 
 import gymnasium
+import mujoco
 import numpy as np
 
 from lerobot_dexflex.envs.hand_env import HandEnv
@@ -27,3 +28,20 @@ def wiggle(env: HandEnv, steps: int, seed: int = 0):
     """Move all joints a little at random and return what each step returned."""
     rng = np.random.default_rng(seed)
     return [env.step(env.command + rng.normal(scale=0.01, size=len(env.joints))) for _ in range(steps)]
+
+
+def wait(env: HandEnv, steps: int) -> dict:
+    """Hold the command for some steps, or until the episode ends; return the last info."""
+    info = {}
+    for _ in range(steps):
+        *_, done, _, info = env.step(env.command)
+        if done:
+            break
+    return info
+
+
+def place(env: HandEnv, body: str, position, rotation: np.ndarray | None = None) -> None:
+    """Put a free body at rest at a pose in the world."""
+    joint = env.data.joint(body)
+    joint.qpos[:3], joint.qvel[:] = position, 0
+    mujoco.mju_mat2Quat(joint.qpos[3:], (np.eye(3) if rotation is None else rotation).ravel())

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from env_checks import wait
 
 from lerobot_dexflex.envs import brush_sweep
 from lerobot_dexflex.envs.brush_sweep import (
@@ -40,15 +41,6 @@ def put_in_pan(env: BrushSweepEnv, n: int) -> None:
             env.episode.piece_radius + 0.001,
         )
         env.data.joint(f"ball{k}").qpos[:3] = position + turn @ place
-
-
-def wait(env: BrushSweepEnv, steps: int) -> dict:
-    info = {}
-    for _ in range(steps):
-        *_, done, _, info = env.step(env.command)
-        if done:
-            break
-    return info
 
 
 def stand_free(env: BrushSweepEnv, seed: int, load: float, push: float = 0.0) -> np.ndarray:

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from env_checks import place, wait
 
 from lerobot_dexflex.envs import flip_toast
 from lerobot_dexflex.envs.flip_toast import GRIDDLE_HALF_SIZE, FlipToastEnv, add_slice
@@ -25,22 +26,6 @@ def env():
 def held(monkeypatch):
     """Every spatula counts as held."""
     monkeypatch.setattr(flip_toast, "pinched", lambda names: True)
-
-
-def wait(env: FlipToastEnv, steps: int) -> dict:
-    info = {}
-    for _ in range(steps):
-        *_, done, _, info = env.step(env.command)
-        if done:
-            break
-    return info
-
-
-def place(env: FlipToastEnv, body: str, position, rotation: np.ndarray | None = None) -> None:
-    """Put a free body at rest at a pose in the world."""
-    joint = env.data.joint(body)
-    joint.qpos[:3], joint.qvel[:] = position, 0
-    mujoco.mju_mat2Quat(joint.qpos[3:], (np.eye(3) if rotation is None else rotation).ravel())
 
 
 def put_slice(env: FlipToastEnv, turned: float, x: float = -0.1, y: float = 0.0, above: float = 0.0) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 import pytest
+from env_checks import place, wait
 
 from lerobot_dexflex.envs import spatula_serve
 from lerobot_dexflex.envs.spatula import BLADE_START, BLADE_TOP, EDGE, add_spatula
@@ -36,22 +37,6 @@ def env():
 def held(monkeypatch):
     """Every spatula counts as held."""
     monkeypatch.setattr(spatula_serve, "pinched", lambda names: True)
-
-
-def wait(env: SpatulaServeEnv, steps: int) -> dict:
-    info = {}
-    for _ in range(steps):
-        *_, done, _, info = env.step(env.command)
-        if done:
-            break
-    return info
-
-
-def place(env: SpatulaServeEnv, body: str, position, rotation: np.ndarray | None = None) -> None:
-    """Put a free body at rest at a pose in the world."""
-    joint = env.data.joint(body)
-    joint.qpos[:3], joint.qvel[:] = position, 0
-    mujoco.mju_mat2Quat(joint.qpos[3:], (np.eye(3) if rotation is None else rotation).ravel())
 
 
 def lead(env: SpatulaServeEnv, pose_at: Callable[[float], Pose], seconds: float) -> None:

@@ -9,6 +9,7 @@ import torch
 
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.experts import Command, make_expert
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.kinematics import pads
 
 SEED = 11
@@ -89,3 +90,24 @@ def pads_of(hand_joints) -> tuple[np.ndarray, np.ndarray]:
     """Return centres [m] and outward normals of the pads in the palm frame, each (4, 3)."""
     centres, normals = pads(torch.tensor(np.array([hand_joints]), dtype=torch.float64))
     return centres[0].numpy(), normals[0].numpy()
+
+
+def check_drafts_press(
+    commands: list[Command], tips: np.ndarray, loads: np.ndarray, held: np.ndarray
+) -> None:
+    """Assert that drafts are where the fingertips get to, and that joint targets lead holding ones deeper.
+
+    Args:
+        commands: Of a demonstration that begins with 30 free steps.
+        tips: Measured fingertips after each step, palm frame [m]. Shape (steps, 4, 3).
+        loads: Normal force on each fingertip [N]. Shape (steps, 4).
+        held: Whether the tool is held. Shape (steps,).
+    """
+    drafts = np.array([command.draft[0] for command in commands])
+    targets = np.array([kernels.fingertips(command.joint_targets[7:]) for command in commands])
+    assert np.median(np.linalg.norm(drafts - tips, axis=-1)) < 0.002
+    deeper = np.linalg.norm(targets - drafts, axis=-1)[held]
+    holding = np.median(loads[held], axis=0) > 0.5
+    assert holding.sum() >= 3
+    assert (np.median(deeper, axis=0)[holding] > 0.003).all()
+    assert np.allclose(targets[:30], drafts[:30], atol=1e-9)

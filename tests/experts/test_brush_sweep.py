@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 import pytest
-from expert_checks import angle_between, make_env, pads_of
+from expert_checks import angle_between, check_drafts_press, make_env
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.experts import Command, make_expert
-from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, HAND_TOUCH, HELD
+from lerobot_dexflex.experts.tool.bar import HELD
 from lerobot_dexflex.hand import kernels
 
 SEEDS = (0, 1, 2, 3)
@@ -94,18 +94,4 @@ def test_the_brush_is_gripped_askew_and_turned_straight_in_the_hand(sweeps):
 
 def test_drafts_are_motion_and_joint_targets_press(sweeps):
     shown = sweeps[0]
-    drafts = np.array([command.draft[0] for command in shown.commands])
-    targets = np.array([kernels.fingertips(command.joint_targets[7:]) for command in shown.commands])
-    assert np.median(np.linalg.norm(drafts - shown.tips, axis=-1)) < 0.002
-    deeper = np.linalg.norm(targets - drafts, axis=-1)[shown.held]
-    holding = np.median(shown.loads[shown.held], axis=0) > 0.5
-    assert holding.sum() >= 3
-    assert (np.median(deeper, axis=0)[holding] > 0.003).all()
-    assert np.allclose(targets[:30], drafts[:30], atol=1e-9)
-
-
-def test_the_search_for_a_grip_begins_with_all_four_pads_flat_on_a_handle():
-    centres, normals = pads_of(HAND_TOUCH)
-    side = np.array([1, 1, 1, -1])
-    assert np.allclose(centres[:, 0] - GRASP_CENTRE[0], side * 0.013, atol=1e-3)
-    assert np.allclose(normals[:, 0], -side, atol=1e-3)
+    check_drafts_press(shown.commands, shown.tips, shown.loads, shown.held)

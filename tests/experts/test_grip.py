@@ -73,3 +73,10 @@ def test_turning_a_push_about_the_handle_and_shifting_a_pad_aside_do_so():
     (shifted, _), (straight, _) = (pads_of(grip(handle, beside=b).touch) for b in (aside, None))
     # Sideways is across handle and push: palm z for the fingers, -z for the thumb, which pushes back.
     assert np.allclose((shifted - straight)[:, 2], [0.004, 0.0, 0.0, 0.004], atol=5e-4)
+
+
+def test_the_search_for_a_grip_begins_with_all_four_pads_flat_on_a_handle():
+    centres, normals = pads_of(HAND_TOUCH)
+    side = np.array([1, 1, 1, -1])
+    assert np.allclose(centres[:, 0] - GRASP_CENTRE[0], side * 0.013, atol=1e-3)
+    assert np.allclose(normals[:, 0], -side, atol=1e-3)
