@@ -22,7 +22,7 @@ CONDITIONS = (
 )
 EPISODES = 300
 GRID_METHODS = tuple(
-    f"dexflex:n_finger=0+n_pure={count // 2}+n_seeded={count - count // 2 - 1}+nfe={evaluations}"
+    f"dexflex:n_finger=0+n_pure={count // 2}+n_seeded={count - count // 2}+nfe={evaluations}"
     for count in (4, 16, 64)
     for evaluations in (1, 4)
 )

@@ -187,7 +187,8 @@ class DexFlexController(nn.Module, ModelHubMixin):
             score = -distance_to(chunks, draft)
             if chunks.shape[1] > 1:  # The draft itself would always win.
                 score = score.masked_fill(branch == DRAFT, -torch.inf)
-        best = (score + settings.hysteresis * (branch == DRAFT)).argmax(1)
+        follows = (branch == DRAFT) | (branch == SEEDED)
+        best = (score + settings.hysteresis * follows).argmax(1)
         rows = torch.arange(len(best), device=best.device)
         return Selection(chunks[rows, best], best, score, candidates, dream)
 
@@ -253,7 +254,7 @@ def _starts(settings: SelectionSettings) -> tuple[Tensor, Tensor]:
     seeded = [[levels[k % len(levels)]] * fingers for k in range(settings.n_seeded)]
     alone = []
     for k in range(settings.n_finger):
-        one = [1.0] * fingers
+        one = [settings.others_level] * fingers
         one[k % fingers] = settings.finger_levels[k // fingers % len(settings.finger_levels)]
         alone.append(one)
     counts = torch.tensor([settings.n_pure, settings.n_seeded, settings.n_finger])

@@ -15,23 +15,26 @@ class SelectionSettings:
 
     n_pure: int = 4
     """Candidates drawn from the prior alone; 32 of these and 15 seeded ones did no better (`eval/LOG.md`)."""
-    n_seeded: int = 3
+    n_seeded: int = 16
     """Candidates drawn from the prior starting at the noisy draft."""
     n_finger: int = 16
-    """Candidates that follow the draft but for one finger, which is drawn anew."""
-    include_draft: bool = True
-    """Whether the exact draft is a candidate, so that doing nothing can be chosen."""
-    levels: tuple[float, ...] = (0.5, 0.75)
+    """Candidates that start there too but for one finger, which is drawn anew."""
+    include_draft: bool = False
+    """Whether the draft as it came is a candidate. By default it is not: what it has of errors that would
+    lead fingers apart is what the prior takes out (`eval/LOG.md`)."""
+    levels: tuple[float, ...] = (0.5,)
     """Flow times at which draft-seeded candidates start: 0 is pure noise, 1 the draft itself."""
-    finger_levels: tuple[float, ...] = (0.0, 0.5)
+    finger_levels: tuple[float, ...] = (0.0,)
     """The same for the one finger that is drawn anew."""
+    others_level: float = 0.5
+    """The same for the other fingers of these candidates; at 1 they do what the draft says."""
     nfe: int = 1
     """Network evaluations per decision, whatever the starting level; a second one changed nothing."""
     prefix: int = 1
     """Control steps executed of a chosen chunk before choosing again."""
-    hysteresis: float = 3.0
-    """How much better than the draft, in units of the score, another candidate must look: with 3, clean
-    drafts pass (log in `eval/LOG.md`)."""
+    hysteresis: float = 2.0
+    """How much better, in units of the score, a candidate with fingers drawn anew must look than those that
+    follow the draft with the whole hand."""
     use_score: bool = True
     """Whether the learned score chooses; otherwise the proposal nearest to the draft."""
     use_dream: bool = True
@@ -60,6 +63,8 @@ class SelectionSettings:
             levels = getattr(self, name)
             if (needed and not levels) or not all(0 <= level < 1 for level in levels):
                 raise DexFlexError(f"`{name}` must hold flow times in [0, 1). Got {levels}.")
+        if not 0 <= self.others_level <= 1:
+            raise DexFlexError(f"`others_level` must be a flow time in [0, 1]. Got {self.others_level}.")
         if self.nfe < 1 or not 1 <= self.prefix <= 8:
             raise DexFlexError(f"`nfe` must be >= 1, `prefix` in [1, 8]. Got {self.nfe}, {self.prefix}.")
         if not (self.hysteresis >= 0 and self.grip >= 0):

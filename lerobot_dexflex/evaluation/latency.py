@@ -58,7 +58,7 @@ def load_networks(where: str | Path | None = None) -> Networks:
 
 def interfaces_at_defaults(networks: Networks) -> dict[str, Interface]:
     """Return the interfaces whose latency is compared, as they run by default; DexFlex with more, too."""
-    default, many = SelectionSettings(), SelectionSettings(n_pure=32, n_seeded=15, n_finger=16)
+    default, many = SelectionSettings(), SelectionSettings(n_pure=32, n_seeded=16, n_finger=16)
     return {
         "raw": RawInterface(),
         "dexgen": DexGenInterface(networks.controller, networks.prior),
@@ -101,13 +101,12 @@ def grid(
 ) -> dict[tuple[int, int], Latency]:
     """Return the latency of DexFlex by number of candidates and of function evaluations from noise.
 
-    Half of the candidates are pure, the others draft-seeded, but for the draft itself.
+    Half of the candidates are pure, the others draft-seeded.
     """
     made = {}
     for count in candidates:
         for nfe in evaluations:
-            seeded = count - count // 2 - 1
-            settings = SelectionSettings(n_pure=count // 2, n_seeded=seeded, n_finger=0, nfe=nfe)
+            settings = SelectionSettings(count // 2, count - count // 2, n_finger=0, nfe=nfe)
             made[f"{count} {nfe}"] = DexFlexInterface(networks.controller, settings)
     measured = measure(made, steps)
     return {(count, nfe): measured[f"{count} {nfe}"] for count in candidates for nfe in evaluations}

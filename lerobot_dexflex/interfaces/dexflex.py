@@ -181,7 +181,6 @@ def ablated(settings: SelectionSettings, ablation: str) -> SelectionSettings:
     Raises:
         DexFlexError: If there is no such ablation.
     """
-    drawn = settings.n_pure + settings.n_seeded + settings.n_finger
     match ablation:
         case "":
             return settings
@@ -198,9 +197,11 @@ def ablated(settings: SelectionSettings, ablation: str) -> SelectionSettings:
         case "nopure":
             return replace(settings, n_pure=0, n_seeded=settings.n_seeded + settings.n_pure)
         case "nofinger":
-            return replace(settings, n_pure=settings.n_pure + settings.n_finger, n_finger=0)
+            return replace(settings, n_seeded=settings.n_seeded + settings.n_finger, n_finger=0)
         case "noseeded":
-            return replace(settings, n_pure=drawn + 1, n_seeded=0, n_finger=0, include_draft=False)
+            return replace(
+                settings, n_pure=settings.n_candidates, n_seeded=0, n_finger=0, include_draft=False
+            )
         case "nogrip":
             return replace(settings, grip=_PRESS)
     raise DexFlexError(f"Unknown ablation {ablation!r}. Valid: {', '.join(INTERFACES['dexflex'].ablations)}.")

@@ -36,7 +36,11 @@ class BankConfig:
     n_seeded: int = 4
     """Proposals that start at the draft."""
     n_finger: int = 8
-    """Proposals with one finger drawn anew."""
+    """Proposals with one finger drawn anew, of which the others do what the draft says."""
+    levels: tuple[float, ...] = (0.5, 0.75)
+    """Flow times at which those at the draft start."""
+    finger_levels: tuple[float, ...] = (0.0, 0.5)
+    """The same for the finger that is drawn anew."""
     spoilt_share: float = 0.7
     """Share of states whose draft is spoilt."""
 
@@ -138,7 +142,15 @@ def _propose(
 ) -> dict[str, Tensor]:
     state = controller.encode(augment(data.history(rows), AugmentationConfig(joint_noise=0, tip_noise=0)))
     draft, past = data.draft(rows), data.drafts_before(rows)
-    settings = SelectionSettings(config.n_pure, config.n_seeded, config.n_finger)
+    settings = SelectionSettings(
+        config.n_pure,
+        config.n_seeded,
+        config.n_finger,
+        include_draft=True,
+        levels=config.levels,
+        finger_levels=config.finger_levels,
+        others_level=1.0,
+    )
     drawn = settings.n_candidates - 1
     noise = torch.randn(len(rows), drawn, 4, controller.config.finger_chunk_width)
     chunks = controller.propose(state, draft, settings, noise).chunks

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from lerobot_dexflex.controller import ControllerConfig, DexFlexController, SelectionSettings
-from lerobot_dexflex.controller.chunks import BRANCHES, FINGER
+from lerobot_dexflex.controller.chunks import BRANCHES, DRAFT, FINGER, SEEDED
 from lerobot_dexflex.errors import DexFlexError
 
-FEW = SelectionSettings(n_pure=6, n_seeded=5, n_finger=8, hysteresis=0.0)
+FEW = SelectionSettings(n_pure=6, n_seeded=5, n_finger=8, include_draft=True, hysteresis=0.0)
 
 
 def row(values, k):
@@ -40,7 +40,8 @@ def test_shapes_of_every_part(controller, history, draft):
 def test_the_first_candidate_is_the_draft_and_of_finger_candidates_one_finger_is_drawn(
     controller, history, draft
 ):
-    candidates = controller.propose(controller.encode(history), draft[0], FEW)
+    settings = dataclasses.replace(FEW, finger_levels=(0.0, 0.5), others_level=1.0)
+    candidates = controller.propose(controller.encode(history), draft[0], settings)
     assert torch.equal(candidates.chunks[:, 0], draft[0])
     alone = candidates.chunks[:, candidates.branch == FINGER]
     moved = (alone - draft[0].unsqueeze(1)).abs().amax((2, 4))  # (batch, candidates, fingers)
@@ -99,12 +100,12 @@ def test_candidates_start_between_noise_and_the_draft_as_their_level_says(
     """With a sampler that does nothing candidates are what it would start from."""
     monkeypatch.setattr(controller.prior, "sample", lambda x, start, steps, context: x)
     settings = SelectionSettings(
-        n_pure=1, n_seeded=2, n_finger=8, levels=(0.5, 0.75), finger_levels=(0, 0.25)
+        n_pure=1, n_seeded=2, n_finger=8, levels=(0.5, 0.75), finger_levels=(0, 0.25), others_level=0.9
     )
     noise = torch.randn(3, 11, 4, 24, generator=torch.Generator().manual_seed(3))
-    chunks = controller.propose(controller.encode(history), draft[0], settings, noise).chunks[:, 1:]
+    chunks = controller.propose(controller.encode(history), draft[0], settings, noise).chunks
     level = torch.tensor([[0.0] * 4, [0.5] * 4, [0.75] * 4])
-    level = torch.cat([level, 1 - torch.eye(4), 1 - 0.75 * torch.eye(4)])[:, None, :, None]
+    level = torch.cat([level, 0.9 * (1 - torch.eye(4)), 0.9 - 0.65 * torch.eye(4)])[:, None, :, None]
     expected = (1 - level) * controller.scale.restore(noise) + level * draft[0].unsqueeze(1)
     torch.testing.assert_close(chunks, expected, rtol=0, atol=1e-7)
 
@@ -116,14 +117,15 @@ def test_without_a_score_the_proposal_nearest_to_the_draft_is_chosen(controller,
     assert torch.equal(selection.best, 1 + error.argmin(1))
 
 
-def test_hysteresis_favours_the_draft(controller, history, draft):
+def test_hysteresis_favours_those_that_follow_the_draft_with_the_whole_hand(controller, history, draft):
     state = controller.encode(history)
     free = controller.select(state, *draft, FEW)
-    assert (free.best != 0).any()
-    behind = free.score.amax(1) - free.score[:, 0]
+    follows = (free.candidates.branch == DRAFT) | (free.candidates.branch == SEEDED)
+    assert not follows[free.best].all()
+    behind = free.score.amax(1) - free.score[:, follows].amax(1)
     for hysteresis, obeyed in ((float(behind.max()) * 1.01, True), (float(behind.max()) * 0.99, False)):
         best = controller.select(state, *draft, dataclasses.replace(FEW, hysteresis=hysteresis)).best
-        assert bool(best.eq(0).all()) == obeyed
+        assert bool(follows[best].all()) == obeyed
 
 
 @pytest.mark.parametrize(
@@ -150,7 +152,7 @@ def test_no_part_passes_on_what_is_no_number(controller, history, draft, weight,
 
 
 def test_a_draft_that_is_no_number_is_noticed_even_where_it_is_the_only_candidate(controller, history, draft):
-    only = SelectionSettings(n_pure=0, n_seeded=0, n_finger=0)
+    only = SelectionSettings(n_pure=0, n_seeded=0, n_finger=0, include_draft=True)
     with pytest.raises(DexFlexError, match="NaN"):
         controller.select(controller.encode(history), torch.full_like(draft[0], torch.nan), draft[1], only)
 

@@ -10,7 +10,7 @@ from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface, ablated
 
-FEW = {"n_pure": 4, "n_seeded": 4, "n_finger": 4, "nfe": 2, "hysteresis": 0.0}
+FEW = {"n_pure": 4, "n_seeded": 4, "n_finger": 4, "nfe": 2, "include_draft": True, "hysteresis": 0.0}
 _WORDS = "+".join(f"{key}={value}" for key, value in FEW.items())
 LEARNED = [f"dexflex:{_WORDS}", f"dexflex-notouch:{_WORDS}", f"dexflex-nogrip:{_WORDS}", "dexgen:steps=2"]
 """Methods with networks, by name."""

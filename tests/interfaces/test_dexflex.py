@@ -34,7 +34,7 @@ def test_no_selection_executes_the_draft_exactly(controller):
 
 def test_an_untrained_controller_is_usable(untrained):
     interface = DexFlexInterface(untrained)
-    assert interface.settings.n_candidates == 24
+    assert interface.settings.n_candidates == 36
     assert torch.isfinite(interface.step(observation(2), draft_of(2))).all()
 
 
@@ -211,8 +211,9 @@ def test_the_raw_draft_is_explained_alike_whether_or_not_it_is_a_candidate(contr
         ("nopure", {}, {"draft", "seeded", "finger"}),
         ("noseeded", {}, {"pure"}),
         ("nofinger", {}, {"draft", "pure", "seeded"}),
+        ("", {"hysteresis": 1e6, "include_draft": False}, {"seeded"}),
         ("noscore", {}, {"pure", "seeded", "finger"}),
-        ("", {"hysteresis": 1e6}, {"draft"}),
+        ("", {"hysteresis": 1e6, "n_seeded": 0}, {"draft"}),
         ("", {"n_pure": 0, "n_seeded": 0, "include_draft": False}, {"finger"}),
     ],
 )
@@ -229,7 +230,7 @@ def test_every_ablation_lacks_its_part_and_as_few_others_as_possible():
         settings = ablated(whole, name)
         assert settings != whole
         if name != "noselection":
-            assert settings.n_candidates == whole.n_candidates == 24
+            assert settings.n_candidates == whole.n_candidates == 36
     with pytest.raises(DexFlexError, match=r"Unknown ablation 'nothing'. Valid: .*notouch"):
         ablated(whole, "nothing")
 

@@ -1,6 +1,7 @@
 """An upper bound for selection: our own candidates, tried out in the simulator before one is executed."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +20,7 @@ from lerobot_dexflex.interfaces.plan import Plan
 
 Reference = Literal["draft", "clean"]
 
-FEW = SelectionSettings(n_pure=7, n_seeded=4, n_finger=4)
+FEW = SelectionSettings(n_pure=3, n_seeded=4, n_finger=8, include_draft=True)
 """Sixteen candidates: an episode takes half a minute instead of several."""
 
 
@@ -102,5 +103,4 @@ def make_oracle(controller: str | Path, **options: Any) -> OracleInterface:
         **options: `reference` and `moving` of `OracleInterface`, others of `SelectionSettings`.
     """
     tried = {key: options.pop(key) for key in ("reference", "moving") if key in options}
-    settings = SelectionSettings(**options) if options else None
-    return OracleInterface(shared_controller(Path(controller)), settings=settings, **tried)
+    return OracleInterface(shared_controller(Path(controller)), settings=replace(FEW, **options), **tried)
