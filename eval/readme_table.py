@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lerobot_dexflex import console
+from lerobot_dexflex.envs.registration import TOOLS
 from lerobot_dexflex.errors import DexFlexError
 
 if TYPE_CHECKING:  # Seconds of imports that --help need not pay.
@@ -38,6 +39,12 @@ OPERATOR = (
     "operator/joint,operator/raw,operator-pressing/raw,operator/press:4,operator/dexgen,operator/dexflex"
 )
 """Measured below a live operator."""
+SHARED = (
+    "operator-pressing/raw,operator-pressing/filter,operator-pressing/press:1,operator-pressing/projection,"
+    "operator-pressing/dexgen:use_splitter=True,operator-pressing/dexflex-notouch:use_splitter=True,"
+    f"operator-pressing/{SPLIT}"
+)
+"""Measured below a person who uses tools."""
 _BLOCK = re.compile(r"<!-- results:(?P<name>\w+) -->\n.*?<!-- /results -->", re.DOTALL)
 
 
@@ -56,13 +63,20 @@ class View:
     trainings: bool = False
     """Also read the rows of other trainings, `tasks_seed*.csv`, and tell what holds over trainings."""
     against: str = ""
-    """Over trainings: show only the tests against this method; all of them if empty."""
+    """Over trainings, and with details: show only the tests against this method; all of them if empty."""
+    what: str = "success"
+    """What of one training is told: `success`; `details`: also times, drops, holding, interventions, tests;
+    `selectivity`: how much drafts are changed where contacts begin or end, and in calm."""
     results: Path = RESULTS
     """Folder of `tasks.csv` and `runs.csv`."""
 
     def __post_init__(self) -> None:
         if self.by not in ("task", "condition"):
             raise DexFlexError(f"`by` must be `task` or `condition`. Got {self.by!r}.")
+        if self.what not in ("success", "details", "selectivity"):
+            raise DexFlexError(f"`what` must be `success`, `details` or `selectivity`. Got {self.what!r}.")
+        if self.trainings and self.what != "success":
+            raise DexFlexError(f"Over trainings, `what` must be `success`. Got {self.what!r}.")
 
 
 @dataclass(frozen=True)
@@ -97,6 +111,12 @@ VIEWS = {
     ),
     "motion_only": View(MOTION_ONLY, tasks=TOLD_APART, trainings=True),
     "act": View(f"act/joint,act/raw,act/{SPLIT},act10/joint,act10/raw,act10/{SPLIT}", tasks="PourCup-v0"),
+    "tools_expert": View("expert", tasks=",".join(TOOLS)),
+    "tools": View(SHARED, "novice", ",".join(TOOLS)),
+    "tools_details": View(
+        SHARED, "novice", ",".join(TOOLS), what="details", against=f"operator-pressing/{SPLIT}"
+    ),
+    "selectivity": View(SHARED, "novice", ",".join(TOOLS), what="selectivity"),
     "fifty": View("joint,commanded/raw,dexgen,dexflex", tasks=TOLD_APART),
 }
 """What a document may show, by name."""
@@ -206,11 +226,20 @@ def markdown(view: View) -> str:
 
 def _one_table(view: View, conditions: list[str]) -> str:
     from lerobot_dexflex.evaluation.report import trainings
-    from lerobot_dexflex.evaluation.report.table import detail_markdown, rates_markdown
+    from lerobot_dexflex.evaluation.report.table import (
+        detail_markdown,
+        details_markdown,
+        rates_markdown,
+        selectivity_markdown,
+    )
 
     if view.trainings:
         return trainings.markdown(pooled(view, conditions), view.against)
     summary = alone(view, conditions)
+    if view.what == "details":
+        return details_markdown(summary, view.against)
+    if view.what == "selectivity":
+        return selectivity_markdown(summary)
     wide = view.by == "condition" or "," in view.tasks
     return rates_markdown(summary) if wide else detail_markdown(summary)
 

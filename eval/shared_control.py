@@ -17,11 +17,9 @@ from lerobot_dexflex import console
 from lerobot_dexflex.commands.levels import LEVELS
 from lerobot_dexflex.commands.source import check_source, operator_label
 from lerobot_dexflex.console import names
-from lerobot_dexflex.envs.registration import check_tasks
+from lerobot_dexflex.envs.registration import TOOLS, check_tasks
 from lerobot_dexflex.errors import DexFlexError
 
-TOOLS = "BrushSweep-v0,ScrewNut-v0,HammerNail-v0,Screwdriver-v0,SpatulaServe-v0,FlipToast-v0"
-"""In the order of the paper."""
 METHODS = (
     "raw,filter,press:1,projection,dexgen:use_splitter=True,dexflex-notouch:use_splitter=True,"
     "dexflex:use_splitter=True"
@@ -33,7 +31,7 @@ METHODS = (
 class Config:
     """Compare interfaces below a simulated person who uses tools, on the same episodes."""
 
-    tasks: str = TOOLS
+    tasks: str = ",".join(TOOLS)
     """Names of tasks, separated by commas."""
     methods: str = METHODS
     """`name[-ablation][:options][@gain],...`; `joint` executes the operator's own joints."""

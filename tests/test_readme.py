@@ -16,6 +16,7 @@ from pathlib import Path
 import draccus
 import pytest
 
+from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.training.train import STAGES
 
 ROOT = Path(__file__).parents[1]
@@ -241,6 +242,43 @@ def test_readme_shows_the_averages_of_the_results():
     for name in ("joint", "press:4", "dexgen", "dexflex"):
         average, _, _ = rows[f"`operator/{name}`"][-1].partition(", n =")
         assert f"`{name}` reaches {average}" in prose or f"`{name}` {average}" in prose
+
+
+def test_details_and_selectivity_of_a_view(readme_table, tmp_path):
+    """8 of 10 and 0 of 10: p = 2 / 2^8; changes of 3 mm around contacts and of 1.5 mm in calm."""
+    (tmp_path / "tasks.csv").write_text(
+        "method,version,task,condition,seed,success,steps,seconds,progress,progress_final,drops,holding,nht,"
+        "intervention,intervention_event,intervention_calm,change_event,change_calm\n"
+        + "".join(
+            f"press,a,PourCup-v0,novice,{k},{k < 8},200,9.96,1.0,1.0,0,0.5,0.75,0.3,0.4,0.2,3.0,1.5\n"
+            for k in range(10)
+        )
+        + "".join(
+            f"{name},b,PourCup-v0,novice,{k},False,320,16.0,0.5,0.5,0,0.5,0.5,,,,,\n"
+            for k in range(10)
+            for name in ("joint", "raw")
+        )
+    )
+    (tmp_path / "runs.csv").write_text("version,method,command,commit,code,weights,settings,date\n")
+    names = "joint,raw,press"
+    details = readme_table.View(
+        names, "novice", "PourCup-v0", what="details", against="press", results=tmp_path
+    )
+    text = readme_table.markdown(details)
+    assert "| `press` | 8/10 (80 %) | 49-94 % |" in text
+    assert "0.75 [0.75, 0.75]" in text
+    assert "| raw vs press | 10 | 0 | 8 | 0.00781 |" in text
+    assert "joint vs raw" not in text
+    selectivity = readme_table.View(names, "novice", "PourCup-v0", what="selectivity", results=tmp_path)
+    text = readme_table.markdown(selectivity)
+    assert "| `press` | 3.00 [3.00, 3.00] | 1.50 [1.50, 1.50] | 2.0 [2.0, 2.0] | 0.40" in text
+    assert "`raw`" not in text
+
+
+@pytest.mark.parametrize("settings", [{"what": "all"}, {"what": "details", "trainings": True}])
+def test_a_view_that_cannot_be_made_is_refused(readme_table, settings):
+    with pytest.raises(DexFlexError, match="`what` must be"):
+        readme_table.View(**settings)
 
 
 def test_a_result_table_holds_rates_intervals_and_tests(readme_table, tmp_path):

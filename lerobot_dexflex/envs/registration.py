@@ -99,6 +99,12 @@ TASKS = {
     ),
 }
 
+TOOLS = (
+    *("BrushSweep-v0", "ScrewNut-v0", "HammerNail-v0"),
+    *("Screwdriver-v0", "SpatulaServe-v0", "FlipToast-v0"),
+)
+"""Tasks for people who lead the hand through an interface, in the order of the paper."""
+
 
 def register_tasks() -> None:
     """Register every task as `lerobot_dexflex/<Task>`; calling it twice is harmless."""

@@ -33,7 +33,7 @@ def test_every_method_meets_the_same_people_on_held_out_seeds(script):
     assert comparison.conditions == ("novice",)
     assert comparison.label == "operator-pressing"
     jobs = comparison.jobs(comparison.versions())
-    assert {job.task for job in jobs} == set(script.names(script.TOOLS))
+    assert {job.task for job in jobs} == set(script.TOOLS)
     assert len(jobs) == len(comparison.players) * len(comparison.methods) * 100
     assert script.build(script.Config(level="", source="motion")).conditions == ("clean",)
 

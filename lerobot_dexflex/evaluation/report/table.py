@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pandas as pd
 
@@ -134,6 +135,32 @@ def markdown(summary: Summary, title: str) -> str:
     wide = as_markdown(rate_header(summary), rate_rows(summary)) if len(summary.columns) > 1 else ""
     detail = as_markdown(DETAIL_HEADER, detail_rows(summary))
     return "\n\n".join(part for part in (f"**{title}**: {about(summary)}", wide, detail, pairs) if part)
+
+
+def details_markdown(summary: Summary, against: str = "") -> str:
+    """Return everything that is known of each method over all columns, and the paired tests.
+
+    Args:
+        summary: What a table tells.
+        against: Show only the tests against this method; all of them if empty.
+    """
+    rows = [[f"`{name}`", *cells] for name, *cells in detail_rows(summary)]
+    parts = [as_markdown(["interface", *DETAIL_HEADER[1:]], rows)]
+    if shown := [t for t in summary.tests if not against or against in (t.first, t.second)]:
+        parts.append(as_markdown(pair_header(summary), pair_rows(replace(summary, tests=tuple(shown)))))
+    return "\n\n".join([*parts, f"{about(summary)} {MEANINGS}"])
+
+
+def selectivity_markdown(summary: Summary) -> str:
+    """Return how much the methods change drafts around contact events and in calm."""
+    rows = [[f"`{name}`", *cells] for name, *cells in selectivity_rows(summary)]
+    return (
+        as_markdown(["interface", *SELECTIVITY_HEADER[1:]], rows)
+        + f"\n\n{about(summary)} At contacts: within a quarter of a second of a finger, or anything else, "
+        "that touched the object or left it; in calm: all other steps with the object in hand. Change: mean "
+        "||selected - draft|| of the fingertips; intervention: the same by ||draft||; means over episodes, "
+        "bootstrap 95 % intervals; ratio: of the means."
+    )
 
 
 def about(summary: Summary) -> str:
