@@ -56,6 +56,7 @@ LINKS = (
         ),
         "joint1",
         _TURN,
+        JOINT_AXIS,
     ),
     Link(
         "link2",
@@ -70,6 +71,7 @@ LINKS = (
         ),
         "joint2",
         (-2.059, 2.0944),
+        JOINT_AXIS,
     ),
     Link(
         "link3",
@@ -84,6 +86,7 @@ LINKS = (
         ),
         "joint3",
         _TURN,
+        JOINT_AXIS,
     ),
     Link(
         "link4",
@@ -98,6 +101,7 @@ LINKS = (
         ),
         "joint4",
         (-0.19198, 3.927),
+        JOINT_AXIS,
     ),
     Link(
         "link5",
@@ -112,6 +116,7 @@ LINKS = (
         ),
         "joint5",
         _TURN,
+        JOINT_AXIS,
     ),
     Link(
         "link6",
@@ -126,6 +131,7 @@ LINKS = (
         ),
         "joint6",
         (-1.69297, 3.14159),
+        JOINT_AXIS,
     ),
     Link(
         "link7",
@@ -140,6 +146,7 @@ LINKS = (
         ),
         "joint7",
         _TURN,
+        JOINT_AXIS,
     ),
 )
 
