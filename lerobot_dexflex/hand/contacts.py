@@ -98,7 +98,7 @@ def pinched(hand: Hand, names: set[str]) -> bool:
 
 
 def contact_flags(hand: Hand, names: set[str]) -> NDArray[np.bool_]:
-    """Say whether each fingertip, and then anything but the hand, is among `contact_names`: (fingers + 1,)."""
+    """Say whether each tip, then anything but the hand, is among `contact_names`. Shape (fingers + 1,)."""
     tips = [name in names for name in hand.distal_links]
     return np.array([*tips, any(not touched_by_hand(hand, {name}) for name in names)])
 

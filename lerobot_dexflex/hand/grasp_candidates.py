@@ -153,7 +153,7 @@ def _choose(feasible: NDArray[np.bool_], n: int, rng: np.random.Generator) -> ND
 
 
 def _opposition(hand: Hand, normals: Array, active: NDArray[np.bool_]) -> Array:
-    """Say how much the mean normals of the opposing and the opposed fingers oppose, 1 = exactly: (tuples,)."""
+    """Say how much the mean normals of opposing and opposed fingers oppose, 1 = exactly. Shape (tuples,)."""
     sides = []
     for fingers in (hand.opposing_fingers, hand.opposed_fingers):
         weight = active[:, fingers, None] / active[:, fingers].sum(1)[:, None, None]

@@ -159,7 +159,7 @@ def fingertips(tables: Tables, joints: Array) -> Array:
 
 @compiled
 def pads(tables: Tables, joints: Array) -> tuple[Array, Array]:
-    """Return pad centres [m] and outward pad normals, each (..., fingers, 3), of joints [rad] (..., joints)."""
+    """Return pad centres [m] and outward normals, each (..., fingers, 3), of joints [rad] (..., joints)."""
     fingers, hands = len(tables.ends), joints.reshape(-1, len(tables.lower))
     shape = (*joints.shape[:-1], fingers, 3)
     centres, normals = np.empty((len(hands), fingers, 3)), np.empty((len(hands), fingers, 3))

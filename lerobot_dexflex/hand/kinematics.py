@@ -101,6 +101,17 @@ def contact_torques(hand: Hand, hand_joints: Tensor, points: Tensor, forces: Ten
     return torch.from_numpy(torques).to(hand_joints)
 
 
+def leads(hand: Hand, torques: Tensor) -> Tensor:
+    """Return by how much joint targets must lead the joints for a grip [rad]. Shape (batch, joints).
+
+    Args:
+        hand: Whose motors.
+        torques: Joint torques of the grip [N m], of which a motor gives its largest. Shape (batch, joints).
+    """
+    largest, gains = (torch.tensor(part).to(torques) for part in (hand.grip_torques, hand.position_gains))
+    return torques.clamp(-largest, largest) / gains
+
+
 def as_array(tensor: Tensor, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return a tensor as the kernels want it: float64 and C-contiguous, reshaped."""
     return tensor.detach().to("cpu", torch.float64).reshape(shape).contiguous().numpy()

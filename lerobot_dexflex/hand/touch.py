@@ -219,7 +219,7 @@ class TouchSensor:
         self._pending = deque(reading.copy() for reading in state)
 
     def _nearest(self, data: mujoco.MjData, finger: int) -> NDArray[np.float64]:
-        """Return each taxel's share of a force that reaches none through the skin. Shape (taxels,), sums to 1."""
+        """Return each taxel's share of a force that reaches none through the skin: (taxels,), sum 1."""
         pad = self._pads[finger]
         offset = data.sensordata[self._point[finger]] - data.site_xpos[pad]
         centre = offset @ data.site_xmat[pad].reshape(3, 3)  # pad frame

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,7 +165,7 @@ class Hand:
     def finger_joints(self) -> tuple[slice, ...]:
         """Where each finger's joints stand in arrays over joints."""
         starts = np.cumsum([0, *[len(finger.links) for finger in self.fingers]]).tolist()
-        return tuple(slice(start, end) for start, end in zip(starts[:-1], starts[1:], strict=True))
+        return tuple(slice(start, end) for start, end in pairwise(starts))
 
     @cached_property
     def finger_of_joint(self) -> NDArray[np.int64]:
@@ -222,10 +223,14 @@ def _check_unique(what: str, names: Iterable[str]) -> None:
     seen = set()
     for name in names:
         if not name or name in seen:
-            raise DexFlexError(f"Every {what} of a hand needs a name of its own. Got '{name}' again or empty.")
+            raise DexFlexError(
+                f"Every {what} of a hand needs a name of its own. Got '{name}' again or empty."
+            )
         seen.add(name)
 
 
 def _check_known(field: str, name: str, valid: Iterable[str]) -> None:
     if name not in valid:
-        raise DexFlexError(f"{field} names '{name}', which the hand does not have. Choose from {list(valid)}.")
+        raise DexFlexError(
+            f"{field} names '{name}', which the hand does not have. Choose from {list(valid)}."
+        )

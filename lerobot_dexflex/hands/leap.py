@@ -110,10 +110,39 @@ def _links(name: str, knuckle: Vector3, distal_y: float = -0.0361) -> tuple[Link
 
 
 _THUMB_LINKS = (
-    Link("th_mp", "palm", (-0.0693, -0.0012, -0.0216), (1, 0, 1, 0), _PROXIMAL, "th_cmc", (-0.349, 2.094), _AXIS),
-    Link("th_bs", "th_mp", (0.0, 0.0143, -0.013), (_H, _H, -_H, _H), _THUMB_BASE, "th_axl", (-0.349, 2.094), _AXIS),
-    Link("th_px", "th_bs", (0.0, 0.0145, -0.017), (1, -1, 0, 0), _THUMB_PROXIMAL, "th_mcp", (-0.47, 2.443), _AXIS),
-    Link("th_ds", "th_px", (0.0, 0.0466, 0.0002), (0, 0, 0, 1), _THUMB_DISTAL, "th_ipl", (-1.34, 1.88), _AXIS),
+    Link(
+        "th_mp",
+        "palm",
+        (-0.0693, -0.0012, -0.0216),
+        (1, 0, 1, 0),
+        _PROXIMAL,
+        "th_cmc",
+        (-0.349, 2.094),
+        _AXIS,
+    ),
+    Link(
+        "th_bs",
+        "th_mp",
+        (0.0, 0.0143, -0.013),
+        (_H, _H, -_H, _H),
+        _THUMB_BASE,
+        "th_axl",
+        (-0.349, 2.094),
+        _AXIS,
+    ),
+    Link(
+        "th_px",
+        "th_bs",
+        (0.0, 0.0145, -0.017),
+        (1, -1, 0, 0),
+        _THUMB_PROXIMAL,
+        "th_mcp",
+        (-0.47, 2.443),
+        _AXIS,
+    ),
+    Link(
+        "th_ds", "th_px", (0.0, 0.0466, 0.0002), (0, 0, 0, 1), _THUMB_DISTAL, "th_ipl", (-1.34, 1.88), _AXIS
+    ),
 )
 
 _PALM_COLLISION = (
