@@ -235,5 +235,7 @@ class TouchSensor:
 def _sensor_address(model: mujoco.MjModel, name: str) -> int:
     sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
     if sensor < 0:
-        raise DexFlexError(f"The model has no sensor '{name}'. Call `add_touch(spec)` before compiling it.")
+        raise DexFlexError(
+            f"The model has no sensor '{name}'. Call `add_touch(spec, hand)` before compiling it."
+        )
     return int(model.sensor_adr[sensor])

@@ -45,8 +45,9 @@ def test_random_worlds_stay_within_their_ranges():
 def test_servos_and_damping_of_the_model_are_those_of_the_world(episode, world):
     env = CorpusEnv()
     env.start(episode, world)
-    np.testing.assert_allclose(env.model.actuator_gainprm[:, 0], gains * np.array(world.gains))
-    np.testing.assert_allclose(env.model.actuator_biasprm[:, 1], -gains * np.array(world.gains))
+    gains = LEAP.position_gains * np.array(world.gains)
+    np.testing.assert_allclose(env.model.actuator_gainprm[:, 0], gains)
+    np.testing.assert_allclose(env.model.actuator_biasprm[:, 1], -gains)
     np.testing.assert_allclose(env.model.dof_damping[:16], 1.2 * LEAP.motors[0].damping)
 
 

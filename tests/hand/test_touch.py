@@ -244,8 +244,8 @@ def test_a_restored_state_continues_exactly():
 def test_a_model_without_touch_is_refused():
     spec = robot.base_spec()
     robot.add_hand(spec, spec.worldbody, LEAP)
-    with pytest.raises(DexFlexError, match=r"no sensor 'if_taxels'. Call `add_touch\(spec\)`"):
-        TouchSensor(spec.compile, LEAP())
+    with pytest.raises(DexFlexError, match=r"no sensor 'if_taxels'. Call `add_touch\(spec, hand\)`"):
+        TouchSensor(spec.compile(), LEAP)
 
 
 @pytest.mark.parametrize(("field", "value"), [("skin", 0.0), ("noise_std", -0.1), ("latency_steps", -1)])
