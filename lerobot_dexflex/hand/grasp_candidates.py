@@ -27,7 +27,6 @@ GRAVITY = 9.81
 _POINTS = 64
 _MAX_DISTANCE = 0.003
 _MIN_ALIGNMENT = 0.7
-_MIN_SPACING = 0.025
 _MIN_ORDER = 0.012
 _MIN_OPPOSITION = 0.3
 _TUPLES = 400
@@ -166,7 +165,7 @@ def _well_spaced(hand: Hand, points: Array, active: NDArray[np.bool_]) -> NDArra
     first, second = np.triu_indices(points.shape[1], 1)
     idle = ~(active[:, first] & active[:, second])
     gap = points[:, first] - points[:, second]
-    apart = np.linalg.norm(gap, axis=-1) > _MIN_SPACING
+    apart = np.linalg.norm(gap, axis=-1) > hand.pad_spacing
     opposing = np.isin(first, hand.opposing_fingers) | np.isin(second, hand.opposing_fingers)
     ordered = (gap @ hand.finger_order > _MIN_ORDER * (second - first)) | opposing
     return np.all((apart & ordered) | idle, axis=1)

@@ -5,8 +5,9 @@ from lerobot_dexflex.hands.finger import Finger as Finger
 from lerobot_dexflex.hands.hand import PALM as PALM
 from lerobot_dexflex.hands.hand import Hand as Hand
 from lerobot_dexflex.hands.leap import LEAP as LEAP
+from lerobot_dexflex.hands.sharpa import SHARPA as SHARPA
 
-HANDS = {hand.name: hand for hand in (LEAP,)}
+HANDS = {hand.name: hand for hand in (LEAP, SHARPA)}
 """Every hand by its name."""
 
 

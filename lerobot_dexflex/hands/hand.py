@@ -59,6 +59,8 @@ class Hand:
     """Part of the fingertip whose contact forces the taxels carry, in the pad frame [m]."""
     object_region: tuple[Vector3, Vector3]
     """Lower and upper corner of the box that centres of graspable objects lie in, palm frame [m]."""
+    pad_spacing: float
+    """Smallest distance between the pads of two fingers in a grasp [m], a little more than a pad is wide."""
     finger_order: Vector3
     """Unit vector across the palm from the last toward the first of the fingers that do not oppose."""
     excluded: tuple[tuple[str, str], ...] = ()
@@ -113,6 +115,8 @@ class Hand:
             )
         if not abs(math.hypot(*self.finger_order) - 1) < 1e-6:
             raise DexFlexError(f"`finger_order` must be a unit vector. Got {self.finger_order}.")
+        if not self.pad_spacing > 0:
+            raise DexFlexError(f"`pad_spacing` must be positive [m]. Got {self.pad_spacing}.")
         if not self.palm_inertia.mass > 0:
             raise DexFlexError(f"The mass of the palm must be positive [kg]. Got {self.palm_inertia.mass}.")
 

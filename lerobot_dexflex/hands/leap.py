@@ -237,6 +237,7 @@ LEAP = Hand(
     # The pad and the palmar side of the rounded nose.
     palmar=Box((0.018, 0.014, 0.0066), (0.004, 0.0, -0.0036)),
     object_region=((-0.055, -0.06, -0.145), (0.01, 0.005, -0.085)),
+    pad_spacing=0.025,
     finger_order=(0.0, 1.0, 0.0),
     excluded=(
         *((f"{prefix}_ds", f"{prefix}_{link}") for prefix in ("if", "mf", "rf") for link in ("px", "bs")),

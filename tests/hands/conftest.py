@@ -70,6 +70,7 @@ def ragged():
         taxel_pitch=(0.002, 0.003),
         palmar=Box((0.012, 0.008, 0.005), (0.0, 0.0, -0.003)),
         object_region=((-0.02, -0.05, 0.1), (0.05, 0.05, 0.2)),
+        pad_spacing=0.015,
         finger_order=(0.0, math.sqrt(0.5), math.sqrt(0.5)),
         excluded=(("left_0", "left_2"), ("palm", "thumb_1")),
     )

@@ -77,6 +77,7 @@ def test_what_is_no_finger_is_refused(ragged, wrong, message):
         (lambda h: {"taxels": (10, 0)}, "`taxels` must be two positive numbers"),
         (lambda h: {"taxel_pitch": (0.002, -0.002)}, "`taxel_pitch` must be two positive numbers"),
         (lambda h: {"object_region": ((0, 0, 0), (1, 0, 1))}, "lower < upper along x, y and z"),
+        (lambda h: {"pad_spacing": 0.0}, "`pad_spacing` must be positive"),
         (lambda h: {"finger_order": (0.0, 2.0, 0.0)}, "`finger_order` must be a unit vector"),
     ],
 )
