@@ -7,7 +7,7 @@ with any or no batch dimensions in front; frames are the palm's; a finger whose 
 
 The hand comes as its `tables` (`hands.tables.Tables`), the first argument, so that one machine code serves
 all hands. Numba keeps what it compiled until this file changes: functions that call each other stay in one
-file for that reason.
+file for that reason, and a change of the fields of `Tables` needs `__pycache__` deleted.
 """
 
 import numpy as np
