@@ -90,10 +90,12 @@ VIEWS = {
         trainings=True,
         against="dexflex",
     ),
-    "typical": View(POLICIES, "typical", "PlaceHammer-v0", trainings=True, against="dexflex"),
+    "typical": View(POLICIES, "typical", TOLD_APART, trainings=True, against="dexflex"),
     "ten": View("demos10/joint,demos10-commanded/raw,demos10/dexgen,demos10/dexflex", tasks=TOLD_APART),
-    "motion_only": View(MOTION_ONLY, tasks="PlaceHammer-v0", trainings=True),
-    "motion_only_pitchers": View(MOTION_ONLY, tasks="PourCup-v0"),
+    "twenty_five": View(
+        "demos25/joint,demos25-commanded/raw,demos25/dexgen,demos25/dexflex", tasks=TOLD_APART
+    ),
+    "motion_only": View(MOTION_ONLY, tasks=TOLD_APART, trainings=True),
     "act": View(f"act/joint,act/raw,act/{SPLIT},act10/joint,act10/raw,act10/{SPLIT}", tasks="PourCup-v0"),
     "fifty": View("joint,commanded/raw,dexgen,dexflex", tasks=TOLD_APART),
 }

@@ -42,7 +42,7 @@ def test_percentiles_are_of_the_steps_after_the_warm_up():
 
 def test_interfaces_are_timed_as_they_run_by_default(networks):
     found = latency.interfaces_at_defaults(networks)
-    assert list(found) == ["raw", "dexgen", "dexflex, 24 candidates", "dexflex, 64 candidates"]
+    assert list(found) == ["raw", "dexgen", "dexflex, 36 candidates", "dexflex, 64 candidates"]
     assert set(latency.measure(found, 1)) == set(found)
 
 
