@@ -205,7 +205,7 @@ def grid_progress(table: Path) -> dict[tuple[int, int], float]:
         if not str(name).startswith("dexflex:"):
             continue
         method = Method.parse(str(name))
-        if {"n_pure", "n_seeded", "nfe"} == set(dict(method.options)):
+        if {"n_finger", "n_pure", "n_seeded", "nfe"} == set(dict(method.options)):
             settings = SelectionSettings(**dict(method.options))
             found[settings.n_candidates, settings.nfe] = float(progress)
     return found

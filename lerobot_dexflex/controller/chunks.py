@@ -9,8 +9,8 @@ from torch.nn import functional
 from lerobot_dexflex.conventions import DRAFT_HORIZON, FINGER_NAMES
 
 BRANCHES = ("draft", "pure", "seeded", "finger")
-"""Where candidates come from: the draft itself; noise alone; noise around the draft; the draft, of which one
-finger is drawn anew from noise or from noise around its draft."""
+"""Where candidates come from: the draft itself; noise alone; noise around the draft; the draft or noise
+around it, of which one finger is drawn anew."""
 DRAFT, PURE, SEEDED, FINGER = range(len(BRANCHES))
 _CLIP = 6.0
 

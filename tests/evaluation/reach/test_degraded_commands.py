@@ -1,6 +1,7 @@
 import pytest
 
 from lerobot_dexflex.evaluation.conditions import Condition
+from lerobot_dexflex.evaluation.reach import bounds
 from lerobot_dexflex.interfaces import Method
 
 
@@ -11,6 +12,7 @@ def script(load_script):
 
 def test_default_names_are_methods_and_conditions(script):
     ours = [name for name in script.METHODS.split(",") if name not in ("projection", "dexgen", "dexflex")]
+    assert {bounds.FORCES, bounds.OPERATOR} <= {*ours}
     for name in (*ours, *script.DEMO_METHODS.split(",")):
         assert Method.parse(name).name == name
     for name in (*script.CONDITIONS.split(","), *script.DEMO_CONDITIONS.split(",")):
@@ -44,3 +46,12 @@ def test_mistakes_are_one_line_and_status_1_before_anything_runs(
     assert printed.startswith("error: ")
     assert message in printed
     assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_of_the_grid_is_found_by_candidates_and_evaluations(script, load_script, tmp_path):
+    table = tmp_path / "reach.csv"
+    rows = [f"{name},{k / 10}" for k, name in enumerate(script.GRID_METHODS)]
+    table.write_text("\n".join(["method,progress", "dexflex,0.9", *rows]))
+    found = load_script("bench").grid_progress(table)
+    cells = [(count, evaluations) for count in (4, 16, 64) for evaluations in (1, 4)]
+    assert found == {cell: k / 10 for k, cell in enumerate(cells)}
