@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.envs.rendering import add_lights, tune_visuals
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.body import Vector3
 from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands.body import Vector3
 
 Pose2 = tuple[float, float, float]
 """Position x, y on the table [m] and yaw [rad]."""

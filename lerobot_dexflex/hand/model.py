@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.hand import xarm7
-from lerobot_dexflex.hand.body import Box, Inertia, Link, Quaternion, Shape, Vector3
 from lerobot_dexflex.hands import PALM, Finger, Hand
+from lerobot_dexflex.hands.body import Box, Inertia, Link, Quaternion, Shape, Vector3
 
 ARM_JOINTS = tuple(link.joint for link in xarm7.LINKS)
 

@@ -5,7 +5,7 @@ Only numbers are taken over. Collision capsules are our own approximation.
 
 from typing import NamedTuple
 
-from lerobot_dexflex.hand.body import Capsule, Inertia, Link
+from lerobot_dexflex.hands.body import Capsule, Inertia, Link
 
 HOME = (0.0, -0.247, 0.0, 0.909, 0.0, 1.15644, 0.0)
 """Home configuration [rad]: flange at (0.400, 0, 0.400) m above `link_base`, pointing down."""

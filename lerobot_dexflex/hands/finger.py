@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.body import Link, Motor, Quaternion, Shape, Vector3
+from lerobot_dexflex.hands.body import Link, Motor, Quaternion, Shape, Vector3
 
 _UNIT_TOLERANCE = 1e-6
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.body import Box, Inertia, Link, Motor, Quaternion, Shape, Vector3
+from lerobot_dexflex.hands.body import Box, Inertia, Link, Motor, Quaternion, Shape, Vector3
 from lerobot_dexflex.hands.finger import Finger
 from lerobot_dexflex.hands.tables import Tables, tables_of
 

@@ -6,7 +6,7 @@ over; the collision boxes are our own approximation of the meshes.
 
 import math
 
-from lerobot_dexflex.hand.body import Box, Inertia, Link, Motor, Rod, Vector3
+from lerobot_dexflex.hands.body import Box, Inertia, Link, Motor, Rod, Vector3
 from lerobot_dexflex.hands.finger import Finger
 from lerobot_dexflex.hands.hand import Hand
 

@@ -12,7 +12,7 @@ look along +y of the distal links.
 
 import math
 
-from lerobot_dexflex.hand.body import Box, Inertia, Link, Motor, Quaternion, Rod, Shape, Vector3
+from lerobot_dexflex.hands.body import Box, Inertia, Link, Motor, Quaternion, Rod, Shape, Vector3
 from lerobot_dexflex.hands.finger import Finger
 from lerobot_dexflex.hands.hand import Hand
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.hand.body import Quaternion, Vector3
+from lerobot_dexflex.hands.body import Quaternion, Vector3
 from lerobot_dexflex.hands.finger import Finger
 
 Array = NDArray[np.float64]

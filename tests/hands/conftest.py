@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from lerobot_dexflex.hand.body import Box, Inertia, Link, Motor, Rod
 from lerobot_dexflex.hands import Finger, Hand
+from lerobot_dexflex.hands.body import Box, Inertia, Link, Motor, Rod
 
 INERTIA = Inertia(0.02, (0.01, 0.0, 0.0), (1, 0, 0, 0), (1e-5, 1e-5, 1e-5))
 MOTOR = Motor(2.0, 0.01, 0.8, 0.5, 6.0, 1e-3, 0.02, 1e-3)

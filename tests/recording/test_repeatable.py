@@ -24,6 +24,7 @@ from pathlib import Path
 import av
 import numpy as np
 from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording import RecordConfig
 from lerobot_dexflex.recording.attempt import Attempt, save_attempt
 from lerobot_dexflex.recording.dataset import assemble
