@@ -14,6 +14,7 @@ import lerobot_dexflex  # noqa: F401  (registers the tasks)
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.hand.touch import touch_strip
+from lerobot_dexflex.hands import LEAP
 
 TASK, SEED = "PlaceHammer-v0", 3
 MOMENTS = (36, 90, 152, 185)
@@ -24,7 +25,7 @@ SIZE, SUPERSAMPLING = 300, 4
 def panel(picture: NDArray[np.uint8], tactile: NDArray) -> NDArray[np.uint8]:
     """Return the camera's picture above the touch of the four fingertips."""
     view = cv2.resize(picture, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
-    strip = touch_strip(tactile)
+    strip = touch_strip(LEAP, tactile)
     height = SIZE * strip.shape[0] // strip.shape[1]
     felt = cv2.resize(strip, (SIZE, height), interpolation=cv2.INTER_NEAREST)
     return np.concatenate([view, felt]).astype(np.uint8)

@@ -30,8 +30,9 @@ from lerobot_dexflex.envs.hand_env import CAMERAS
 from lerobot_dexflex.envs.rendering import Camera
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
-from lerobot_dexflex.hand.model import JOINTS, SUBSTEPS
+from lerobot_dexflex.hand.model import SUBSTEPS, robot_joints
 from lerobot_dexflex.hand.touch import TouchSensor
+from lerobot_dexflex.hands import LEAP
 
 TASK, SEED = "PlaceHammer-v0", 100_000
 HELD_AFTER = 66
@@ -98,7 +99,7 @@ def environment_rates(workers: int) -> dict[str, float]:
         env.close()
     vector = AsyncVectorEnv([held_hammer] * workers, context="forkserver")
     vector.reset()
-    actions = np.zeros((workers, len(JOINTS)), np.float32)
+    actions = np.zeros((workers, len(robot_joints(LEAP))), np.float32)
     rates[f"cameras and touch, {workers} workers"] = workers / best(lambda: vector.step(actions), WINDOW)
     vector.close()
     return rates
@@ -109,16 +110,16 @@ def part_costs() -> dict[str, float]:
     env: Any = held_hammer()
     env.reset()
     model, data = env.unwrapped.model, env.unwrapped.data
-    camera, sensor, rng = Camera(model, "front", 96, 96), TouchSensor(model), np.random.default_rng(0)
+    camera, sensor, rng = Camera(model, "front", 96, 96), TouchSensor(model, LEAP), np.random.default_rng(0)
     hand = torch.as_tensor(env.unwrapped.command[7:]).view(1, 16)
-    tips = fingertips(hand) + 0.002
+    tips = fingertips(LEAP, hand) + 0.002
     batch = (tips.expand(HANDS, -1, -1), hand.expand(HANDS, -1))
     return {
         "bare mj_step": best(lambda: mujoco.mj_step(model, data), SUBSTEPS * WINDOW),
         "one camera, 96 x 96": best(lambda: camera.render(data), WINDOW),
         "240 taxels": best(lambda: sensor.read(data, rng), WINDOW),
-        "fingertip IK, 1 hand": best(lambda: solve_fingertips(tips, hand), WINDOW),
-        f"fingertip IK, {HANDS} hands": best(lambda: solve_fingertips(*batch), WINDOW),
+        "fingertip IK, 1 hand": best(lambda: solve_fingertips(LEAP, tips, hand), WINDOW),
+        f"fingertip IK, {HANDS} hands": best(lambda: solve_fingertips(LEAP, *batch), WINDOW),
     }
 
 

@@ -7,7 +7,7 @@ DRAFT_HORIZON = 8
 MEASURED, COMMANDED = DRAFTS = ("measured", "commanded")
 """Which fingertips of a recording a draft leads to: where they were one step later, or were told to be."""
 FINGER_NAMES = ("index", "middle", "ring", "thumb")
-"""Order of the fingers in every tensor, as people call them; `hand.leap.FINGERS` are the model's prefixes."""
+"""Order of the fingers in every tensor, as people call them; `Hand.prefixes` are the model's."""
 STATE, TACTILE = "observation.state", "observation.tactile"
 FINGERTIPS, GRAVITY = "observation.fingertips", "observation.gravity"
 LEROBOT_KEYS = {"agent_pos": STATE, "tactile": TACTILE, "fingertips": FINGERTIPS, "gravity": GRAVITY}

@@ -6,6 +6,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from lerobot_dexflex.hands import LEAP
+
 SYNTHETIC_EPISODES = (20, 26, 14)
 
 
@@ -37,11 +39,11 @@ def make_synthetic_dataset(
     from lerobot.configs.video import RGBEncoderConfig
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-    from lerobot_dexflex.hand.model import JOINTS
+    from lerobot_dexflex.hand.model import robot_joints
     from lerobot_dexflex.recording.schema import columns, lerobot_features, robot_type
 
     av.logging.set_level(av.logging.PANIC)
-    joints, rename, extra = joints or JOINTS, rename or {}, extra or {}
+    joints, rename, extra = joints or robot_joints(LEAP), rename or {}, extra or {}
     images = {f"observation.images.{camera}": (size, size, 3) for camera in cameras}
     features = lerobot_features(columns(joints), images)
     features |= {key: {"dtype": "float32", "shape": (n,), "names": None} for key, n in extra.items()}

@@ -20,6 +20,7 @@ OURS = ("lerobot_dexflex", "lerobot_policy_dexflex")
 FLOORS = (
     {"errors", "conventions", "console", "compiled", "_gl"},
     {"runs"},
+    {"hands"},
     {"hand"},
     {"streams"},
     {"envs"},

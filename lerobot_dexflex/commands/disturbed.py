@@ -13,11 +13,11 @@ from lerobot_dexflex.commands.stream import ErrorStream, Seed, seeds_of
 from lerobot_dexflex.conventions import STATE, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, pads, solve_fingertips
-from lerobot_dexflex.hand.model import HAND_JOINTS
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.protocol import Interface
 from lerobot_dexflex.interfaces.wrapper import WrappedInterface
 
-_HAND = len(HAND_JOINTS)
+_HAND = LEAP.n_joints
 
 
 class DisturbedInterface(WrappedInterface):
@@ -83,20 +83,20 @@ class DisturbedInterface(WrappedInterface):
 
     def _motion(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         joints = observation[STATE][:, -_HAND:].double()
-        tips = fingertips(joints)
+        tips = fingertips(LEAP, joints)
         here = tips[:, None]
         draft = self._stream.delayed(here + draft) - here
         return self._stream.step(draft, tips, *self._felt(observation, joints), held=self._held)
 
     def _joints(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
         measured = observation[STATE][:, -_HAND:].double()
-        tips = fingertips(measured)
+        tips = fingertips(LEAP, measured)
         here = tips[:, None]
         draft = self._stream.delayed(draft)
         joints = draft.flatten(0, 1)
-        motion = fingertips(joints).unflatten(0, draft.shape[:2]) - here  # (batch, steps, 4, 3)
+        motion = fingertips(LEAP, joints).unflatten(0, draft.shape[:2]) - here  # (batch, steps, 4, 3)
         spoilt = self._stream.step(motion, tips, *self._felt(observation, measured), held=self._held)
-        solved = solve_fingertips((here + spoilt).flatten(0, 1), joints).view_as(draft)
+        solved = solve_fingertips(LEAP, (here + spoilt).flatten(0, 1), joints).view_as(draft)
         struck = (spoilt != motion).flatten(3).any(-1).any(1)[:, None]  # (batch, 1, 4)
         return torch.where(struck.repeat_interleave(4, -1), solved, draft)
 
@@ -106,4 +106,4 @@ class DisturbedInterface(WrappedInterface):
             return joints.new_zeros(len(joints), 4), joints.new_zeros(len(joints), 4, 3)
         if TACTILE not in observation:
             raise DexFlexError(f"{self.errors.name!r} needs touch: the observation lacks {TACTILE}.")
-        return observation[TACTILE].double().unflatten(1, (4, -1)).sum(-1), pads(joints)[1]
+        return observation[TACTILE].double().unflatten(1, (4, -1)).sum(-1), pads(LEAP, joints)[1]

@@ -16,6 +16,7 @@ from lerobot_dexflex.conventions import LEROBOT_KEYS, STATE
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.kernels import fingertips
 from lerobot_dexflex.hand.model import ARM_JOINTS
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.protocol import Interface
 
 _ARM = len(ARM_JOINTS)
@@ -63,7 +64,7 @@ class GlovedHand:
             key: torch.as_tensor(np.asarray(observation[name], float))[None]
             for name, key in LEROBOT_KEYS.items()
         }
-        here = fingertips(state[STATE][0, _ARM:].numpy())
+        here = fingertips(LEAP.tables, state[STATE][0, _ARM:].numpy())
         wanted = command.joint_targets[None, _ARM:] if joint else self._positions(command) - here
         hand = self._interface.step(state, torch.from_numpy(wanted)[None])[0].cpu().numpy()
         joints = np.concatenate([command.joint_targets[:_ARM], hand])
@@ -76,5 +77,5 @@ class GlovedHand:
         if self._source == "motion":
             return command.draft
         [squeeze] = self._interface.squeeze([command.slipping])
-        pressed = fingertips(command.joint_targets[_ARM:]) - command.draft[0]
+        pressed = fingertips(LEAP.tables, command.joint_targets[_ARM:]) - command.draft[0]
         return command.draft + squeeze * pressed

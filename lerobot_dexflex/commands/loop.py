@@ -26,6 +26,7 @@ from lerobot_dexflex.experts.reach.sensing import HandState
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.poses import pose_error
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.protocol import Interface
 
 Array = NDArray[np.float64]
@@ -117,7 +118,7 @@ class Slot:
         self._keep(label=motion[0])
         if self._squeeze is None:
             return motion
-        pressed = kernels.fingertips(guidance.joints) - guidance.tips[0]
+        pressed = kernels.fingertips(LEAP.tables, guidance.joints) - guidance.tips[0]
         return motion + self._squeeze * pressed
 
     def spoil(self, draft: Array, in_event: bool) -> None:

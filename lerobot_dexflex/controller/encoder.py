@@ -9,7 +9,11 @@ from vector_quantize_pytorch import FSQ
 
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.history import History
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, finger_frames, fingertips
+from lerobot_dexflex.hand.kinematics import finger_frames, fingertips, joint_limits
+from lerobot_dexflex.hands import LEAP
+
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+
 
 _FINGERS = 4
 _TOUCH_FEATURES = 48
@@ -120,7 +124,7 @@ class Encoder(nn.Module):
         center = (JOINT_LOWER + JOINT_UPPER) / 2
         self.register_buffer("joint_center", center.float(), persistent=False)
         self.register_buffer("joint_range", ((JOINT_UPPER - JOINT_LOWER) / 2).float(), persistent=False)
-        self.register_buffer("tip_center", fingertips(center[None])[0].float(), persistent=False)
+        self.register_buffer("tip_center", fingertips(LEAP, center[None])[0].float(), persistent=False)
         frames = len(config.frames)
         self.touch = TouchNet(config)
         self.missing_touch = nn.Parameter(torch.zeros(_FINGERS, _TOUCH_FEATURES))
@@ -155,7 +159,7 @@ class Encoder(nn.Module):
         if not self.config.use_touch:
             missing = torch.ones_like(missing)
         touch = torch.where(missing[..., None], self.missing_touch, self.touch(history.tactile))
-        rotation = finger_frames(history.joints[:, 0]).distal_rotation  # (batch, 4, 3, 3)
+        rotation = finger_frames(LEAP, history.joints[:, 0]).distal_rotation  # (batch, 4, 3, 3)
         gravity = (rotation.mT @ history.gravity[:, None, :, None]).squeeze(-1)
         moves = joints.transpose(1, 2).flatten(2), tips.transpose(1, 2).flatten(2)
         local = torch.cat([touch, *moves, rotation.flatten(2), gravity], -1)

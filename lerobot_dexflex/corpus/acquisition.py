@@ -26,6 +26,7 @@ from lerobot_dexflex.experts.reach.operator import LEAST_FORCE, PRELOAD, Guidanc
 from lerobot_dexflex.experts.reach.sensing import Senses
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -77,7 +78,7 @@ def find_opening(env: CorpusEnv, episode: ReachEpisode, rng: np.random.Generator
         joints = now.joints
         for share in np.linspace(0, 1, _RETREAT_INCREMENTS + 1)[1:]:
             targets = now.tips - share * width[:, None] * now.inward
-            joints = kernels.solve_fingertips(targets, joints)
+            joints = kernels.solve_fingertips(LEAP.tables, targets, joints)
         env.data.qpos[:16] = joints
         mujoco.mj_forward(env.model, env.data)
         if env.data.ncon == 0 or env.data.contact.dist.min() > -_OVERLAP:
@@ -242,5 +243,7 @@ def _guidance(run: RunningEpisode, tips: Array, forces: Array, grip: Array) -> G
     pressing = np.abs(grip).max(1) > 0
     # A free finger goes on from its command, so that it arrives; one that presses must not wind up.
     begin = np.where(np.repeat(pressing, 4), now.joints, run.env.command)
-    joints = gripping_joints(kernels.solve_fingertips(tips[0], begin), now.joints, now.points, grip)
+    joints = gripping_joints(
+        LEAP, kernels.solve_fingertips(LEAP.tables, tips[0], begin), now.joints, now.points, grip
+    )
     return Guidance(tips, forces, grip, now.points, joints)

@@ -13,6 +13,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP
 from lerobot_dexflex.hand.touch import TouchConfig
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -99,5 +100,5 @@ class CorpusEnv(ReachEnv):
             noise = self.world.joint_noise * self.np_random.standard_normal(16)
             joints = observation["agent_pos"] + noise
             observation["agent_pos"] = joints.astype(np.float32)
-            observation["fingertips"] = kernels.fingertips(joints).astype(np.float32).reshape(-1)
+            observation["fingertips"] = kernels.fingertips(LEAP.tables, joints).astype(np.float32).reshape(-1)
         return observation

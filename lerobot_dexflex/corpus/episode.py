@@ -16,6 +16,7 @@ from lerobot_dexflex.experts.reach.operator import Guidance
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -85,7 +86,7 @@ class RunningEpisode:
         env, now, seen = self.env, self.now, self.observation
         joints = self._follow(guidance, draft[0]) if spoilt else guidance.joints
         if error is not None:
-            joints = gripping_joints(joints, now.joints, guidance.points, error)
+            joints = gripping_joints(LEAP, joints, now.joints, guidance.points, error)
         joints = joints.astype(COLUMNS["joint_targets"].dtype)  # As recorded, so that it can be replayed.
         if self.steps % SNAPSHOT_INTERVAL == 0:
             self._snapshots.append((self.steps, env.physics_state(), env.command))
@@ -114,8 +115,8 @@ class RunningEpisode:
     def _follow(self, guidance: Guidance, motion: Array) -> Array:
         """Return joint targets [rad] that move the tips [m] (4, 3) with the leader's grip."""
         now = self.now
-        solved = kernels.solve_fingertips(now.tips + motion, now.joints)
-        return gripping_joints(solved, now.joints, guidance.points, guidance.grip)
+        solved = kernels.solve_fingertips(LEAP.tables, now.tips + motion, now.joints)
+        return gripping_joints(LEAP, solved, now.joints, guidance.points, guidance.grip)
 
     def finish(self) -> Shard:
         """Return the recorded episode."""

@@ -12,10 +12,10 @@ import numpy as np
 
 from lerobot_dexflex.hand.grasp import HOLD, OBJECT
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
-from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS
 from lerobot_dexflex.hand.objects import ObjectSpec
+from lerobot_dexflex.hands import LEAP
 
-_JOINTS = len(HAND_JOINTS)
+_JOINTS = LEAP.n_joints
 _GAIN, _DAMPING = (0.85, 1.15), (0.7, 1.5)
 _MASS, _MASS_RANGE = (0.6, 1.5), (0.02, 0.3)
 _FRICTION, _FRICTION_RANGE = (0.75, 1.25), (0.4, 1.2)
@@ -169,7 +169,9 @@ class WorldPhysics:
         model.actuator_gainprm[:_JOINTS, 0] *= gains
         model.actuator_biasprm[:_JOINTS, 1] *= gains
         model.dof_damping[:_JOINTS] *= world.damping
-        self._tips = [model.geom(f"{finger}_{part}").id for finger in FINGERS for part in ("tip", "nose")]
+        self._tips = [
+            model.geom(f"{finger}_{part}").id for finger in LEAP.prefixes for part in ("tip", "nose")
+        ]
         self._friction = model.geom_friction[self._tips, 0].copy()
         self._object, self._weld = model.body(OBJECT).id, model.equality(HOLD).id
         if any(world.lever):

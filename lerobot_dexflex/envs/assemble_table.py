@@ -25,6 +25,7 @@ from lerobot_dexflex.envs.thread import catch, has_caught, turns_in
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import about_z, rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
+from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, np.pi / 2)
 """Arm at the start [rad]: palm down."""
@@ -92,7 +93,7 @@ class AssembleTableEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: LegEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
         x, y, yaw = episode.rack
         rack = about_z(yaw) @ rotation_matrix(np.array([0.0, episode.lean, 0.0]))
         pose = self.data.joint("leg").qpos
@@ -133,8 +134,8 @@ class AssembleTableEnv(HandEnv):
         touched = contact_names(self.model, self.data, "leg")
         position, rotation = self.leg_pose
         centre = position + rotation[:, 2] * LEG_LENGTH / 2
-        by_hand = touched_by_hand(touched)
-        holding = pinched(touched)
+        by_hand = touched_by_hand(LEAP, touched)
+        holding = pinched(LEAP, touched)
         upright = rotation[2, 2] > np.cos(np.radians(5))
         away = np.linalg.norm(self.data.site_xpos[self._tips] - centre, axis=1).min() > 0.08
         released = self.lit and upright and away and not by_hand
@@ -147,7 +148,7 @@ class AssembleTableEnv(HandEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": bool(touched & {"table", "floor"} or rotation[2, 2] < 0.5),
             "holding": holding,
-            "contacts": contact_flags(touched),
+            "contacts": contact_flags(LEAP, touched),
         }
 
     def _stud_in_thread(self) -> bool:

@@ -20,6 +20,7 @@ from lerobot_dexflex.envs.scene import (
 from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
+from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.40, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2 + 0.40)
 """Arm at the start of an episode [rad]: the hand hovers behind the stand, palm down."""
@@ -119,7 +120,7 @@ class BrushSweepEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: BrushEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
         x, y, yaw = episode.stand
         handle = np.array([np.cos(yaw + episode.brush_yaw), np.sin(yaw + episode.brush_yaw), 0.0])
         rotation = np.stack([np.array([0.0, 0.0, 1.0]), np.cross(handle, [0.0, 0.0, 1.0]), handle], 1)
@@ -153,7 +154,7 @@ class BrushSweepEnv(HandEnv):
 
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "brush")
-        holding = pinched(touching)
+        holding = pinched(LEAP, touching)
         local, resting = self.pieces_in_pan_frame()
         inside, enough = int(resting.sum()), SHARE * len(resting)
         self.memory["most_inside"] = max(self.memory.get("most_inside", 0), inside)
@@ -164,7 +165,7 @@ class BrushSweepEnv(HandEnv):
             "progress": self.memory["most_inside"] / len(resting),
             "dropped": bool((lying and not holding) or "floor" in touching or len(resting) - lost < enough),
             "holding": holding,
-            "contacts": contact_flags(touching),
+            "contacts": contact_flags(LEAP, touching),
             "pieces_in_pan": inside,
         }
 

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS
 from lerobot_dexflex.hand.touch import TouchConfig
+from lerobot_dexflex.hands import LEAP
 
 PUSH_STEPS, PUSH_INTERVAL = 4, 40
 """Control steps that a push lasts, and from the start of one push to the next."""
@@ -49,12 +49,12 @@ class Disturbance:
         model.body_inertia[index] *= self.mass
         if self.mass != 1.0:
             mujoco.mj_setConst(model, mujoco.MjData(model))
-        tips = [model.geom(f"{finger}_{part}").id for finger in FINGERS for part in ("tip", "nose")]
+        tips = [model.geom(f"{finger}_{part}").id for finger in LEAP.prefixes for part in ("tip", "nose")]
         model.geom_friction[tips, 0] *= self.friction
 
     def encoder_errors(self, rng: np.random.Generator) -> np.ndarray:
         """Return by how much each hand joint's encoder reads too much in this episode [rad]. Shape (16,)."""
-        return rng.uniform(-self.calibration, self.calibration, len(HAND_JOINTS))
+        return rng.uniform(-self.calibration, self.calibration, LEAP.n_joints)
 
     def force(self, rng: np.random.Generator, weight: float, memory: dict[str, Any]) -> np.ndarray:
         """Return the force of this control step on the object's centre of mass, world frame [N] (3,).

@@ -26,6 +26,7 @@ from lerobot_dexflex.envs.spatula import (
 from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
+from lerobot_dexflex.hands import LEAP
 
 GRIDDLE_HALF_SIZE = (0.11, 0.075)
 """Half length toward the rim and half width [m]."""
@@ -106,7 +107,7 @@ class FlipToastEnv(SpatulaEnv):
         return spec
 
     def _initialise(self, episode: ToastEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
         lay_spatula(self.data, episode.stand, episode.spatula_yaw)
         half_width, half_height = episode.slice_half_size
         gap, sideways, yaw = episode.slice
@@ -120,7 +121,7 @@ class FlipToastEnv(SpatulaEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "spatula")
         below = contact_names(self.model, self.data, "toast")
-        holding = pinched(touching)
+        holding = pinched(LEAP, touching)
         in_stand = any(name.startswith("stand") for name in touching)
         on_blade = self._on_blade(self.episode.slice_half_size[1])
         at_rest = np.linalg.norm(self.data.joint("toast").qvel[:3]) < 0.02
@@ -137,7 +138,7 @@ class FlipToastEnv(SpatulaEnv):
             "progress": progress,
             "dropped": self._dropped(holding, touching, below),
             "holding": holding,
-            "contacts": contact_flags(touching),
+            "contacts": contact_flags(LEAP, touching),
         }
 
 

@@ -27,6 +27,7 @@ from lerobot_dexflex.envs.scene import (
 from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
+from lerobot_dexflex.hands import LEAP
 
 NAIL_DEPTH, TOLERANCE = 0.030, 0.002
 """How far the nail stands out at first, and how far it may when it is in [m]."""
@@ -95,7 +96,7 @@ class HammerNailEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: NailEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
         yaw = episode.cradle[2] + episode.hammer_yaw
         up, handle = np.array([0.0, 0.0, 1.0]), np.array([np.cos(yaw), np.sin(yaw), 0.0])
         lay_hammer(self.data, episode.cradle[:2], np.stack([np.cross(up, handle), up, handle], 1))
@@ -117,7 +118,7 @@ class HammerNailEnv(HandEnv):
 
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "hammer")
-        holding = pinched(touching)
+        holding = pinched(LEAP, touching)
         by_palm = any(name.startswith("palm") for name in touching)
         share = self.nail_depth / (NAIL_DEPTH - TOLERANCE)
         self.memory["share"] = max(self.memory.get("share", 0.0), min(share, 1.0))
@@ -126,7 +127,7 @@ class HammerNailEnv(HandEnv):
             "progress": self.memory["share"],
             "dropped": bool(touching & {"table", "floor"}),
             "holding": holding,
-            "contacts": contact_flags(touching),
+            "contacts": contact_flags(LEAP, touching),
         }
 
 

@@ -19,9 +19,10 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor, add_touch
+from lerobot_dexflex.hands import LEAP
 
 CAMERAS = ("front", "wrist")
-_HAND = len(robot.HAND_JOINTS)
+_HAND = LEAP.n_joints
 
 
 class Snapshot(NamedTuple):
@@ -65,7 +66,7 @@ class HandEnv(gymnasium.Env):
     }
     task: ClassVar[str]
     """Name in `TASKS`."""
-    joints: ClassVar[tuple[str, ...]] = robot.JOINTS
+    joints: ClassVar[tuple[str, ...]] = robot.robot_joints(LEAP)
     manipulated: ClassVar[str]
     """Name of the body that the hand is to move."""
 
@@ -95,7 +96,7 @@ class HandEnv(gymnasium.Env):
         self._image_size, self._render_size = image_size, render_size
         self._disturbance = find_disturbance(disturbance)
         self._touch_config = self._disturbance.touch(touch or TouchConfig())
-        limits = {link.joint: link.joint_range for link in (*robot.xarm7.LINKS, *robot.leap.LINKS)}
+        limits = {link.joint: link.joint_range for link in (*robot.xarm7.LINKS, *LEAP.links)}
         low, high = np.array([limits[name] for name in self.joints]).T
         self._low, self._high = low, high
         self.action_space = spaces.Box(low.astype(np.float32), high.astype(np.float32))
@@ -246,19 +247,19 @@ class HandEnv(gymnasium.Env):
     def _load(self, episode: Any) -> None:
         self.episode = episode
         spec = self._build(episode)
-        add_touch(spec, self._touch_config)
+        add_touch(spec, LEAP, self._touch_config)
         self.model = spec.compile()
         self._object = self.model.body(self.manipulated).id
         self._weight = float(self.model.body_mass[self._object] * np.linalg.norm(self.model.opt.gravity))
         self._disturbance.change(self.model, self.manipulated)
         self.data = mujoco.MjData(self.model)
-        self._touch = TouchSensor(self.model, self._touch_config)
+        self._touch = TouchSensor(self.model, LEAP, self._touch_config)
         self._film = Camera(self.model, "front", self._render_size, self._render_size)
         self._views = {c: Camera(self.model, c, self._image_size, self._image_size) for c in self._cameras}
         addresses = [self.model.joint(name).qposadr[0] for name in self.joints]
         self._joint_addresses = np.array(addresses)
         self._palm = self.model.body("palm").id
-        self._tips = np.array([self.model.site(f"{f}_tip").id for f in robot.FINGERS])
+        self._tips = np.array([self.model.site(f"{f}_tip").id for f in LEAP.prefixes])
 
     def _set_encoders(self) -> None:
         """Turn the links of the hand away from what their encoders say.
@@ -273,7 +274,7 @@ class HandEnv(gymnasium.Env):
         palm = data.xmat[self._palm].reshape(3, 3)
         joints = data.qpos[self._joint_addresses]
         if self._disturbance.calibration:  # A hand knows its fingertips from its encoders.
-            tips = fingertips(torch.from_numpy(joints[-_HAND:])).numpy()
+            tips = fingertips(LEAP, torch.from_numpy(joints[-_HAND:])).numpy()
         else:
             tips = (data.site_xpos[self._tips] - data.xpos[self._palm]) @ palm
         gravity = self.model.opt.gravity / np.linalg.norm(self.model.opt.gravity)

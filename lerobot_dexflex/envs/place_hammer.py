@@ -26,6 +26,7 @@ from lerobot_dexflex.envs.scene import (
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
+from lerobot_dexflex.hands import LEAP
 
 _PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.036, 0.010
 
@@ -80,7 +81,7 @@ class PlaceHammerEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: HammerEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
         yaw = episode.cradle[2] + episode.hammer_yaw
         handle = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         rotation = np.stack([np.array([0.0, 0.0, 1.0]), np.cross(handle, [0.0, 0.0, 1.0]), handle], 1)
@@ -99,8 +100,8 @@ class PlaceHammerEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "hammer")
         position, rotation = self.hammer_pose
-        by_hand = touched_by_hand(touching)
-        holding = pinched(touching)
+        by_hand = touched_by_hand(LEAP, touching)
+        holding = pinched(LEAP, touching)
         upright = rotation[2, 2] > np.cos(np.radians(6))
         on_prongs = {"prong0", "prong1"} <= touching
         at_rest = np.linalg.norm(self.data.joint("hammer").qvel[:3]) < 0.02
@@ -123,7 +124,7 @@ class PlaceHammerEnv(HandEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": bool(touching & {"table", "floor"}),
             "holding": holding,
-            "contacts": contact_flags(touching),
+            "contacts": contact_flags(LEAP, touching),
         }
 
 

@@ -21,6 +21,7 @@ from lerobot_dexflex.envs.scene import (
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
+from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.278, 0.134, 0.160, 0.248, 3.662, 1.481, -1.647)
 """Arm at the start of an episode [rad]: the flange points forward, the hand is behind the handle."""
@@ -102,7 +103,7 @@ class PourCupEnv(HandEnv):
 
     def _initialise(self, episode: PourEpisode) -> None:
         data = self.data
-        place_robot(data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        place_robot(data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
         x, y, yaw = episode.pitcher
         half = (yaw + np.pi) / 2
         data.joint("pitcher").qpos = (x, y, 0.0005, np.cos(half), 0, 0, np.sin(half))
@@ -127,8 +128,8 @@ class PourCupEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "pitcher")
         position, rotation = self.pitcher_pose
-        by_hand = touched_by_hand(touching)
-        holding = pinched(touching)
+        by_hand = touched_by_hand(LEAP, touching)
+        holding = pinched(LEAP, touching)
         inside, lost = self._count_balls()
         enough = SHARE * self.episode.balls
         poured = inside >= enough
@@ -149,7 +150,7 @@ class PourCupEnv(HandEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": bool(fallen or "floor" in touching or self.episode.balls - lost < enough),
             "holding": holding,
-            "contacts": contact_flags(touching),
+            "contacts": contact_flags(LEAP, touching),
             "balls_in_bowl": inside,
         }
 

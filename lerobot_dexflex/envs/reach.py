@@ -13,16 +13,12 @@ from lerobot_dexflex.envs.rendering import tune_visuals
 from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.contacts import (
-    CONTACT_FORCE,
-    contact_flags,
-    contact_names,
-    fingertip_contacts,
-)
+from lerobot_dexflex.hand.contacts import CONTACT_FORCE, contact_flags, contact_names, fingertip_contacts
 from lerobot_dexflex.hand.grasp import OBJECT, GraspSearch, hand_scene
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.objects import ObjectSpec, add_ghost, sample_object
 from lerobot_dexflex.hand.poses import pose_error
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -91,7 +87,7 @@ class ReachEnv(HandEnv):
 
     task = "Reach-v0"
     manipulated = OBJECT
-    joints = robot.HAND_JOINTS
+    joints = LEAP.joint_names
 
     def __init__(self, goals: int = 1, gravity_rate: float = 0.0, **options: Any) -> None:
         if goals < 1:
@@ -140,13 +136,13 @@ class ReachEnv(HandEnv):
             gravity, axis = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
             fingers, tries = (4, 100) if rng.random() < _FOUR_FINGERS else (3, 200)
             try:
-                grasp = GraspSearch(object_spec, gravity).find(rng, fingers, tries)
+                grasp = GraspSearch(LEAP, object_spec, gravity).find(rng, fingers, tries)
             except DexFlexError:  # This object cannot be held so; the next one may.
                 continue
             return ReachEpisode(object_spec, tuple(gravity), tuple(axis), *map(tuple, grasp[:4]))
 
     def _build(self, episode: ReachEpisode) -> mujoco.MjSpec:
-        spec = hand_scene(episode.object_spec)
+        spec = hand_scene(LEAP, episode.object_spec)
         spec.option.gravity = GRAVITY * np.array(episode.gravity)
         add_ghost(spec, episode.object_spec, _GHOST)
         tune_visuals(spec)
@@ -169,7 +165,7 @@ class ReachEnv(HandEnv):
         memory["steady"] = memory["steady"] + 1 if inside else 0
         error = distance / TOLERANCE[0] + angle / TOLERANCE[1]
         memory["least_error"] = min(memory["least_error"], error)
-        loads = fingertip_contacts(self.model, self.data, OBJECT).loads
+        loads = fingertip_contacts(LEAP, self.model, self.data, OBJECT).loads
         memory["loose"] = 0 if (loads > CONTACT_FORCE).sum() >= 2 else memory["loose"] + 1
         dropped = distance > DROP_DISTANCE or memory["loose"] >= DROP_STEPS
         if memory["steady"] >= STEADY_STEPS:
@@ -183,7 +179,7 @@ class ReachEnv(HandEnv):
             "is_success": bool(success),
             "progress": float(np.clip(progress, 0.0, 1.0)),
             "dropped": bool(dropped and not success),
-            "contacts": contact_flags(contact_names(self.model, self.data, OBJECT)),
+            "contacts": contact_flags(LEAP, contact_names(self.model, self.data, OBJECT)),
             "goals_reached": memory["reached"],
         }
 

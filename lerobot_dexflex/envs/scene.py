@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.envs.rendering import add_lights, tune_visuals
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.body import Vector3
+from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands.body import Vector3
 
 Pose2 = tuple[float, float, float]
 """Position x, y on the table [m] and yaw [rad]."""
@@ -35,7 +36,8 @@ def robot_at_table(tip_friction: float) -> tuple[mujoco.MjSpec, mujoco.MjsBody]:
     spec = robot.base_spec()
     _add_studio(spec)
     _add_table(spec)
-    palm = robot.add_hand(spec, robot.add_arm(spec), tip_friction=(tip_friction, *robot.TIP_FRICTION[1:]))
+    friction = (tip_friction, *robot.TIP_FRICTION[1:])
+    palm = robot.add_hand(spec, robot.add_arm(spec), LEAP, tip_friction=friction)
     return spec, palm
 
 

@@ -14,6 +14,7 @@ from lerobot_dexflex.envs.thread import catch, has_caught, turns_in
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import about_z, rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
+from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, np.pi / 2)
 """Arm at the start [rad]: palm down."""
@@ -84,7 +85,7 @@ class ScrewNutEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: NutEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
         tilt, toward = episode.tilt
         turn = rotation_matrix(np.array([-np.sin(toward), np.cos(toward), 0.0]) * tilt)
         pose = self.data.joint("nut").qpos
@@ -120,7 +121,7 @@ class ScrewNutEnv(HandEnv):
         if not self.caught and self._on_bolt():
             catch(self.model, self.data, self.nut_pose[1])
         touching = contact_names(self.model, self.data, "nut")
-        holding = pinched(touching)
+        holding = pinched(LEAP, touching)
         strokes = self._strokes(holding)
         success = has_settled(self.memory, self.tight and holding and strokes >= STROKES)
         reached = furthest_progress(self.memory, (holding, self.caught))
@@ -131,7 +132,7 @@ class ScrewNutEnv(HandEnv):
             "progress": 1.0 if success else reached / 3 + self.memory["turned"] / 2,
             "dropped": bool(touching & {"table", "floor", "block"}),
             "holding": holding,
-            "contacts": contact_flags(touching | {"bolt"} if self.caught else touching),
+            "contacts": contact_flags(LEAP, touching | {"bolt"} if self.caught else touching),
         }
 
     def _on_bolt(self) -> bool:

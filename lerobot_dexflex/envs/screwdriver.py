@@ -21,6 +21,7 @@ from lerobot_dexflex.envs.thread import turns_in
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import about_z, rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
+from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.0, 0.05, 0.05, 0.3, 3.2, 1.35, -1.6)
 """Arm at the start [rad]: the flange points forward."""
@@ -85,7 +86,7 @@ class ScrewdriverEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: DriverEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
         x, y, yaw = episode.stand
         stand = about_z(yaw) @ rotation_matrix(np.array([episode.lean, 0.0, 0.0]))
         pose = self.data.joint("driver").qpos
@@ -123,7 +124,7 @@ class ScrewdriverEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "driver")
         position, rotation = self.driver_pose
-        holding = pinched(touching)
+        holding = pinched(LEAP, touching)
         success = has_settled(self.memory, self.tight and holding)
         lifted = position[2] > STAND_HEIGHT + 0.04
         stages = (holding, holding and lifted, self.seated and "screw" in touching)
@@ -136,5 +137,5 @@ class ScrewdriverEnv(HandEnv):
             "progress": progress,
             "dropped": bool(touching & {"table", "floor"} or rotation[2, 2] < 0.5),
             "holding": holding,
-            "contacts": contact_flags(touching),
+            "contacts": contact_flags(LEAP, touching),
         }

@@ -26,6 +26,7 @@ from lerobot_dexflex.envs.spatula import (
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
+from lerobot_dexflex.hands import LEAP
 
 PATTY_HALF_HEIGHT = 0.006
 PLATE_RADIUS, PLATE_HEIGHT = 0.08, 0.010
@@ -111,7 +112,7 @@ class SpatulaServeEnv(SpatulaEnv):
         return spec
 
     def _initialise(self, episode: SpatulaEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), robot.HAND_RELAXED)
+        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
         lay_spatula(self.data, episode.stand, episode.spatula_yaw)
         gap, sideways, yaw = episode.patty
         self._put_on_griddle(-episode.patty_radius - gap, sideways, PATTY_HALF_HEIGHT, yaw)
@@ -119,7 +120,7 @@ class SpatulaServeEnv(SpatulaEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "spatula")
         below = contact_names(self.model, self.data, "patty")
-        holding = pinched(touching)
+        holding = pinched(LEAP, touching)
         touched, on_blade = self._food_touches_spatula(), self._on_blade(PATTY_HALF_HEIGHT)
         patty, tilt = self.food_pose
         lifted = on_blade and patty[2] > GRIDDLE_HEIGHT + PATTY_HALF_HEIGHT + LIFTED
@@ -141,7 +142,7 @@ class SpatulaServeEnv(SpatulaEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": self._dropped(holding, touching, below),
             "holding": holding,
-            "contacts": contact_flags(touching),
+            "contacts": contact_flags(LEAP, touching),
         }
 
 

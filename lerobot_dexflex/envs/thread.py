@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.body import Vector3
+from lerobot_dexflex.hands.body import Vector3
 
 _STIFF = (2 * robot.TIMESTEP, 1.0)
 

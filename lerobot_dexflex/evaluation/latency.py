@@ -13,12 +13,16 @@ from lerobot_dexflex.controller import DexFlexController, SelectionSettings
 from lerobot_dexflex.controller.diffusion_prior import WEIGHTS, DiffusionPrior
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips
+from lerobot_dexflex.hand.kinematics import fingertips, joint_limits
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Interface
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 from lerobot_dexflex.interfaces.dexgen import DexGenInterface
 from lerobot_dexflex.interfaces.raw import RawInterface
+
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+
 
 CANDIDATES, EVALUATIONS = (4, 16, 64, 256), (1, 2, 4, 8)
 _WARM_UP = 10
@@ -116,7 +120,7 @@ def _inputs(hands: int) -> tuple[dict[str, Tensor], Tensor]:
     joints = ((JOINT_LOWER + JOINT_UPPER) / 2).float().expand(hands, -1)
     observation = {
         "observation.state": joints,
-        "observation.fingertips": fingertips(joints).flatten(1),
+        "observation.fingertips": fingertips(LEAP, joints).flatten(1),
         "observation.gravity": torch.tensor([0.0, 0.0, -1.0]).expand(hands, -1),
     }
     generator = torch.Generator().manual_seed(0)

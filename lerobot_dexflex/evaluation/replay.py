@@ -28,7 +28,8 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation import rollout
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.hand.model import JOINTS
+from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.method import Method, make_interface
 from lerobot_dexflex.recording.schema import FPS, columns
 from lerobot_dexflex.recording.staging import RECORD_FILE
@@ -62,7 +63,7 @@ class Demonstrations:
         """
         if draft == COMMANDED:
             return dict(zip(self.seeds, self.actions, strict=True))
-        joints = [actions[:, : len(JOINTS)] for actions in self.actions]
+        joints = [actions[:, : len(robot_joints(LEAP))] for actions in self.actions]
         parts = zip(joints, self.measured, strict=True)
         return dict(zip(self.seeds, (np.concatenate(both, 1) for both in parts), strict=True))
 
@@ -79,7 +80,7 @@ def load_demonstrations(root: Path) -> Demonstrations:
             raise DexFlexError(f"{root} is no dataset of dexflex-record: {file} not found. Check --root.")
     record, info = json.loads(record_file.read_text()), json.loads(info_file.read_text())
     names = info["features"].get("action", {}).get("names")
-    if names != columns(JOINTS)["action"].names or info["fps"] != FPS:
+    if names != columns(robot_joints(LEAP))["action"].names or info["fps"] != FPS:
         raise DexFlexError(
             f"{root} holds another robot or rate: robot_type {info.get('robot_type')!r}, {info['fps']} fps. "
             f"Replay needs leap_xarm7 at {FPS} fps, with joint targets and commanded fingertips as action."
@@ -133,7 +134,7 @@ class ReplayController:
         """Return the next joint targets [rad]. Shape (1, 23)."""
         del task
         ahead = [min(self._step + k, len(self._actions) - 1) for k in range(DRAFT_HORIZON)]
-        joints, tips = self._actions[ahead].split([len(JOINTS), 12], dim=1)
+        joints, tips = self._actions[ahead].split([len(robot_joints(LEAP)), 12], dim=1)
         state = {
             key: torch.from_numpy(observation[name]).double()
             for name, key in LEROBOT_KEYS.items()
@@ -142,7 +143,7 @@ class ReplayController:
         if self._interface.command_space == "joint":
             draft = joints[None, :, _ARM:]
         else:
-            draft = tips.view(1, -1, 4, 3) - fingertips(state[STATE][:, _ARM:])[:, None]
+            draft = tips.view(1, -1, 4, 3) - fingertips(LEAP, state[STATE][:, _ARM:])[:, None]
         self._step += 1
         hand = self._interface.step(state, draft)
         return torch.cat([joints[:1, :_ARM], hand], dim=1).numpy()

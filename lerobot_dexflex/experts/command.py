@@ -8,6 +8,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ class Expert(Protocol):
 
 def fingertips_of(hand_joints: ArrayLike) -> Array:
     """Return the fingertips [m] (4, 3), palm frame, of hand joints [rad] (16,)."""
-    return fingertips(torch.as_tensor(np.asarray(hand_joints, float)).view(1, 16))[0].numpy()
+    return fingertips(LEAP, torch.as_tensor(np.asarray(hand_joints, float)).view(1, 16))[0].numpy()
 
 
 class Unsteadiness:

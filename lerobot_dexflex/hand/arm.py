@@ -7,16 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hands import PALM, Hand
 
 Array = NDArray[np.float64]
 N_ARM = len(robot.ARM_JOINTS)
 
 
 @cache
-def robot_model() -> mujoco.MjModel:
-    """Return the compiled robot without any scene (base at the world origin)."""
+def robot_model(hand: Hand) -> mujoco.MjModel:
+    """Return the compiled arm with a hand, without any scene (base at the world origin)."""
     spec = robot.base_spec()
-    robot.add_hand(spec, robot.add_arm(spec))
+    robot.add_hand(spec, robot.add_arm(spec), hand)
     return spec.compile()
 
 
@@ -48,6 +49,7 @@ class ArmKinematics:
     """Forward and inverse kinematics of a point fixed to the palm.
 
     Args:
+        hand: The hand on the arm.
         point: The controlled point in the palm frame [m] (a grasp centre, say). Shape (3,).
         posture: Arm configuration that the spare joint is pulled to [rad]. Shape (7,).
     """
@@ -55,12 +57,12 @@ class ArmKinematics:
     ROTATION_SCALE = 0.3
     """Length that weighs 1 rad of orientation error against position error [m/rad]."""
 
-    def __init__(self, point: Array, posture: Array) -> None:
+    def __init__(self, hand: Hand, point: Array, posture: Array) -> None:
         self.point = np.asarray(point, float)
         self.posture = np.asarray(posture, float)
-        self._model = robot_model()
+        self._model = robot_model(hand)
         self._data = mujoco.MjData(self._model)
-        self._palm = self._model.body("palm").id
+        self._palm = self._model.body(PALM).id
         self._lower, self._upper = self._model.jnt_range[:N_ARM].T
         self._jacobian = np.zeros((6, self._model.nv))
 

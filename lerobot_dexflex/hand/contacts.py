@@ -9,14 +9,11 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from torch import Tensor
 
-from lerobot_dexflex.hand import kernels, leap
+from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.kinematics import as_array, pads
-from lerobot_dexflex.hand.leap import FINGERS
+from lerobot_dexflex.hands import PALM, Hand
 
 Array = NDArray[np.float64]
-
-NOMINAL_JOINTS = (1.1, 0.0, 0.5, 0.2) * 3 + (1.6, 0.2, 0.8, -0.2)
-"""A half-closed hand whose pads face each other [rad]."""
 
 CONTACT_FORCE = 0.05
 """A finger counts as loaded from this normal force on [N]."""
@@ -28,29 +25,32 @@ class FingertipContacts(NamedTuple):
     """What the fingertips do to an object, in the world frame."""
 
     loads: Array
-    """Normal force of each fingertip [N]. Shape (4,)."""
+    """Normal force of each fingertip [N]. Shape (fingers,)."""
     points: Array
-    """Load-weighted contact points [m]; zero where a finger does not touch. Shape (4, 3)."""
+    """Load-weighted contact points [m]; zero where a finger does not touch. Shape (fingers, 3)."""
     inward: Array
-    """Unit contact normals into the object; zero where a finger does not touch. Shape (4, 3)."""
+    """Unit contact normals into the object; zero where a finger does not touch. Shape (fingers, 3)."""
 
 
 class PadSolution(NamedTuple):
     """Joints that place pads on surface points, and how well they do."""
 
     joints: Tensor
-    """Hand joints within the limits [rad]. Shape (batch, 16)."""
+    """Hand joints within the limits [rad]. Shape (batch, joints)."""
     distance: Tensor
-    """Distance from every pad centre to its point [m]. Shape (batch, 4)."""
+    """Distance from every pad centre to its point [m]. Shape (batch, fingers)."""
     alignment: Tensor
-    """Cosine between the pads' inward and the surfaces' outward normals. Shape (batch, 4)."""
+    """Cosine between the pads' inward and the surfaces' outward normals. Shape (batch, fingers)."""
 
 
-def fingertip_contacts(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> FingertipContacts:
+def fingertip_contacts(
+    hand: Hand, model: mujoco.MjModel, data: mujoco.MjData, body: str
+) -> FingertipContacts:
     """Read the contacts between the distal links and a body from simulation data (after `mj_forward`)."""
     touched = model.body(body).id
-    finger_of = {model.body(f"{f}_ds").id: k for k, f in enumerate(FINGERS)}
-    loads, points, normals = np.zeros(4), np.zeros((4, 3)), np.zeros((4, 3))
+    finger_of = {model.body(name).id: k for k, name in enumerate(hand.distal_links)}
+    loads = np.zeros(hand.n_fingers)
+    points, normals = np.zeros((hand.n_fingers, 3)), np.zeros((hand.n_fingers, 3))
     force = np.zeros(6)
     for k, contact in enumerate(data.contact):
         bodies = model.geom_bodyid[contact.geom]
@@ -84,51 +84,59 @@ def contact_names(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> set[
     return found
 
 
-def touched_by_hand(names: set[str]) -> bool:
+def touched_by_hand(hand: Hand, names: set[str]) -> bool:
     """Say whether a link of the hand is among the names of `contact_names`."""
-    return any(name.partition("_")[0] in FINGERS or name.startswith("palm") for name in names)
+    return any(name in hand.link_names or name.startswith(PALM) for name in names)
 
 
-def pinched(names: set[str]) -> bool:
-    """Say whether the tips of the thumb and of a finger are among the names of `contact_names`."""
-    return "th_ds" in names and any(f"{finger}_ds" in names for finger in FINGERS[:3])
+def pinched(hand: Hand, names: set[str]) -> bool:
+    """Say whether tips of a finger that opposes and of one that is opposed are among `contact_names`."""
+    tips = hand.distal_links
+    return any(tips[k] in names for k in hand.opposing_fingers) and any(
+        tips[k] in names for k in hand.opposed_fingers
+    )
 
 
-def contact_flags(names: set[str]) -> NDArray[np.bool_]:
-    """Say whether each fingertip, and anything but the hand, is among the names of `contact_names`: (5,)."""
-    tips = [f"{finger}_ds" in names for finger in FINGERS]
-    return np.array([*tips, any(not touched_by_hand({name}) for name in names)])
+def contact_flags(hand: Hand, names: set[str]) -> NDArray[np.bool_]:
+    """Say whether each tip, then anything but the hand, is among `contact_names`. Shape (fingers + 1,)."""
+    tips = [name in names for name in hand.distal_links]
+    return np.array([*tips, any(not touched_by_hand(hand, {name}) for name in names)])
 
 
-def solve_pads(points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 12) -> PadSolution:
+def solve_pads(
+    hand: Hand, points: Tensor, normals: Tensor, seed: Tensor, iterations: int = 12
+) -> PadSolution:
     """Find joints that lay each pad flat on a surface point: damped least squares, one finger at a time.
 
-    Fingers are independent, so a row may hold four unrelated questions, one per finger.
+    Fingers are independent, so a row may hold unrelated questions, one per finger.
 
     Args:
-        points: Where the pad centres should be, palm frame [m]. Shape (batch, 4, 3).
-        normals: Outward unit surface normals there, palm frame. Shape (batch, 4, 3).
-        seed: Start and weakly preferred posture [rad]. Shape (batch, 16).
+        hand: Whose pads.
+        points: Where the pad centres should be, palm frame [m]. Shape (batch, fingers, 3).
+        normals: Outward unit surface normals there, palm frame. Shape (batch, fingers, 3).
+        seed: Start and weakly preferred posture [rad]. Shape (batch, joints).
         iterations: Gauss-Newton steps.
     """
-    arrays = as_array(points, (-1, 4, 3)), as_array(normals, (-1, 4, 3)), as_array(seed, (-1, 16))
-    joints = torch.from_numpy(kernels.solve_pads(*arrays, int(iterations))).to(seed)
-    centres, outward = pads(joints)
+    shape = (-1, hand.n_fingers, 3)
+    arrays = as_array(points, shape), as_array(normals, shape), as_array(seed, (-1, hand.n_joints))
+    joints = torch.from_numpy(kernels.solve_pads(hand.tables, *arrays, int(iterations))).to(seed)
+    centres, outward = pads(hand, joints)
     return PadSolution(joints, (points - centres).norm(dim=-1), -(normals * outward).sum(-1))
 
 
-def gripping_joints(targets: Array, joints: Array, points: Array, forces: Array) -> Array:
-    """Return joint targets [rad] (16,) within the limits that also exert forces, by leading the joints.
+def gripping_joints(hand: Hand, targets: Array, joints: Array, points: Array, forces: Array) -> Array:
+    """Return joint targets [rad] (joints,) within the limits that also exert forces, by leading the joints.
 
     Args:
-        targets: Joint targets without the forces [rad]. Shape (16,).
-        joints: Measured joints [rad]. Shape (16,).
-        points: Where the fingers press [m], palm frame. Shape (4, 3).
-        forces: Forces of the fingers on what they touch [N], palm frame. Shape (4, 3).
+        hand: Whose joints.
+        targets: Joint targets without the forces [rad]. Shape (joints,).
+        joints: Measured joints [rad]. Shape (joints,).
+        points: Where the fingers press [m], palm frame. Shape (fingers, 3).
+        forces: Forces of the fingers on what they touch [N], palm frame. Shape (fingers, 3).
     """
-    torques = kernels.contact_torques(joints, points, forces)
-    leads = np.clip(torques, -leap.GRIP_TORQUE, leap.GRIP_TORQUE) / leap.KP
-    return np.clip(targets + leads, kernels.LOWER.ravel(), kernels.UPPER.ravel())
+    torques = kernels.contact_torques(hand.tables, joints, points, forces)
+    leads = np.clip(torques, -hand.grip_torques, hand.grip_torques) / hand.position_gains
+    return np.clip(targets + leads, hand.joint_lower, hand.joint_upper)
 
 
 def balance_forces(

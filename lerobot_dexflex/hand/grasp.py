@@ -5,6 +5,7 @@ The palm frame is the world frame and the direction of gravity is free. A candid
 object, carried it, and kept it while gravity was tilted and increased: with a constant joint command.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import mujoco
@@ -13,13 +14,13 @@ import torch
 from numpy.typing import NDArray
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.contacts import fingertip_contacts, solve_pads
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY, Candidate, balance_weight, grasp_candidates
 from lerobot_dexflex.hand.kernels import contact_torques
-from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS, SUBSTEPS, TIP_FRICTION, add_hand, base_spec
+from lerobot_dexflex.hand.model import SUBSTEPS, TIP_FRICTION, add_hand, base_spec
 from lerobot_dexflex.hand.objects import ObjectSpec, add_object
 from lerobot_dexflex.hand.poses import pose_error
+from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
 
@@ -37,24 +38,24 @@ class Grasp(NamedTuple):
     """A held object at rest. Frames: palm."""
 
     hand_joints: Array
-    """Measured joints [rad]. Shape (16,)."""
+    """Measured joints [rad]. Shape (joints,)."""
     joint_targets: Array
-    """The constant joint command that holds it [rad]. Shape (16,)."""
+    """The constant joint command that holds it [rad]. Shape (joints,)."""
     position: Array
     """Object position [m]. Shape (3,)."""
     quaternion: Array
     """Object orientation (w x y z). Shape (4,)."""
     touching: NDArray[np.bool_]
-    """Which fingertips carry load, 0.15 N or more. Shape (4,)."""
+    """Which fingertips carry load, 0.15 N or more. Shape (fingers,)."""
 
 
-def hand_scene(object_spec: ObjectSpec) -> mujoco.MjSpec:
+def hand_scene(hand: Hand, object_spec: ObjectSpec) -> mujoco.MjSpec:
     """Return the hand alone, palm frame = world frame, an object, and the inactive weld `hold` that fixes it.
 
     The object's friction is given to the fingertips, whose friction rules their contacts.
     """
     spec = base_spec()
-    add_hand(spec, spec.worldbody, (0, 0, 0), (1, 0, 0, 0), (object_spec.friction, *TIP_FRICTION[1:]))
+    add_hand(spec, spec.worldbody, hand, (0, 0, 0), (1, 0, 0, 0), (object_spec.friction, *TIP_FRICTION[1:]))
     add_object(spec, object_spec, OBJECT)
     weld = spec.add_equality(type=mujoco.mjtEq.mjEQ_WELD, name=HOLD, name1="world", name2=OBJECT)
     weld.objtype = mujoco.mjtObj.mjOBJ_BODY
@@ -66,6 +67,7 @@ class GraspSearch:
     """Find grasps of one object under one direction of gravity.
 
     Args:
+        hand: The hand that grasps.
         object_spec: What to grasp.
         gravity: Direction of gravity in the palm frame; normalised. Shape (3,).
     """
@@ -78,29 +80,30 @@ class GraspSearch:
     """How far [m], [rad] it may go from there in the shakes and after them."""
     SHAKE_TILT, SHAKE_GAIN = 0.6, 1.3
 
-    def __init__(self, object_spec: ObjectSpec, gravity: Array) -> None:
+    def __init__(self, hand: Hand, object_spec: ObjectSpec, gravity: Array) -> None:
+        self.hand = hand
         self.object_spec = object_spec
         self.gravity = np.asarray(gravity, float) / np.linalg.norm(gravity)
-        self.model = hand_scene(object_spec).compile()
+        self.model = hand_scene(hand, object_spec).compile()
         self.data = mujoco.MjData(self.model)
         self._object = self.model.body(OBJECT).id
-        self._tip_geoms = {self.model.geom(f"{f}_{part}").id for f in FINGERS for part in ("tip", "nose")}
+        self._tip_geoms = {self.model.geom(name).id for name in _tip_geoms(hand)}
         self._weld = self.model.equality(HOLD).id
-        self._n = len(HAND_JOINTS)
+        self._n = hand.n_joints
 
     def find(self, rng: np.random.Generator, min_fingers: int = 3, tries: int = 200) -> Grasp:
         """Return the first grasp that passes every test; the state of `rng` alone decides which.
 
         Args:
             rng: Source of randomness.
-            min_fingers: How many fingertips must touch, 3 or 4; four take about five times the search.
+            min_fingers: How many fingertips must touch, 3 or more; four take about five times the search.
             tries: Number of object poses to try.
 
         Raises:
             DexFlexError: If no object pose out of `tries` led to one.
         """
         for _ in range(tries):
-            for candidate in grasp_candidates(self.object_spec, rng, min_fingers):
+            for candidate in grasp_candidates(self.hand, self.object_spec, rng, min_fingers):
                 grasp = self.prove(candidate, rng, min_fingers)
                 if grasp is not None:
                     return grasp
@@ -138,7 +141,7 @@ class GraspSearch:
         return Grasp(joints, targets, *rest, touching)
 
     def _touching(self) -> NDArray[np.bool_]:
-        return fingertip_contacts(self.model, self.data, OBJECT).loads > _LOADED
+        return fingertip_contacts(self.hand, self.model, self.data, OBJECT).loads > _LOADED
 
     def _collides(self, candidate: Candidate) -> bool:
         """Say whether anything but fingertips on the object would overlap."""
@@ -157,12 +160,13 @@ class GraspSearch:
         away = candidate.points + _APPROACH * candidate.normals
         press = candidate.points - _PRESS * candidate.normals
         targets = solve_pads(
+            self.hand,
             torch.from_numpy(np.stack([away, press])),
             torch.from_numpy(np.stack([candidate.normals] * 2)),
             torch.from_numpy(np.stack([candidate.joints] * 2)),
             iterations=6,
         ).joints.numpy()
-        targets = np.where(np.repeat(candidate.active, 4), targets, candidate.joints)
+        targets = np.where(candidate.active[self.hand.finger_of_joint], targets, candidate.joints)
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
         self._place(targets[0], candidate)
@@ -173,18 +177,18 @@ class GraspSearch:
         model.opt.gravity = GRAVITY * self.gravity
         self._move(targets[1], 8)
         mujoco.mj_step(model, data, 4 * SUBSTEPS)
-        loads, points, inward = fingertip_contacts(model, data, OBJECT)
+        loads, points, inward = fingertip_contacts(self.hand, model, data, OBJECT)
         touching = loads > _LOADED
         if touching.sum() < 3:
             return touching
-        forces = np.zeros((len(FINGERS), 3))
+        forces = np.zeros((self.hand.n_fingers, 3))
         forces[touching], _ = balance_weight(
             self.object_spec, points[touching], inward[touching], data.xipos[self._object], self.gravity
         )
         joints = data.qpos[: self._n]
-        torques = contact_torques(joints, points, forces)
-        squeeze = joints + np.clip(torques, -_MAX_TORQUE, _MAX_TORQUE) / leap.KP
-        squeeze = np.where(np.repeat(touching, 4), squeeze, data.ctrl)
+        torques = contact_torques(self.hand.tables, joints, points, forces)
+        squeeze = joints + np.clip(torques, -_MAX_TORQUE, _MAX_TORQUE) / self.hand.position_gains
+        squeeze = np.where(touching[self.hand.finger_of_joint], squeeze, data.ctrl)
         self._move(np.clip(squeeze, *model.jnt_range[: self._n].T), 4)
         mujoco.mj_step(model, data, 4 * SUBSTEPS)
         data.eq_active[self._weld] = 0
@@ -213,3 +217,10 @@ class GraspSearch:
 
     def _pose(self) -> tuple[Array, Array]:
         return self.data.qpos[self._n : self._n + 3].copy(), self.data.qpos[self._n + 3 :].copy()
+
+
+def _tip_geoms(hand: Hand) -> Iterator[str]:
+    for finger in hand.fingers:
+        yield f"{finger.prefix}_tip"
+        if finger.nose is not None:
+            yield f"{finger.prefix}_nose"

@@ -14,44 +14,53 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lerobot_dexflex.hand import kernels
-
-JOINT_LOWER, JOINT_UPPER = (torch.from_numpy(limit.flatten()) for limit in (kernels.LOWER, kernels.UPPER))
-"""Joint limits [rad], float64. Shape (16,)."""
+from lerobot_dexflex.hands import Hand
 
 
 class FingerFrames(NamedTuple):
-    """Frames along the four fingers, in the palm frame."""
+    """Frames along the fingers, in the palm frame.
+
+    Fingers may differ in their number of joints: rows beyond a finger's own are zero.
+    """
 
     origins: Tensor
-    """Joint origins [m]. Shape (batch, fingers, 4, 3)."""
+    """Joint origins [m]. Shape (batch, fingers, joints of the longest finger, 3)."""
     axes: Tensor
-    """Unit joint axes. Shape (batch, fingers, 4, 3)."""
+    """Unit joint axes. Shape (batch, fingers, joints of the longest finger, 3)."""
     distal_rotation: Tensor
     """Orientation of the distal links. Shape (batch, fingers, 3, 3)."""
 
 
-def finger_frames(hand_joints: Tensor) -> FingerFrames:
+def joint_limits(hand: Hand) -> tuple[Tensor, Tensor]:
+    """Return the lower and upper joint limits [rad], float64, each of shape (joints,)."""
+    return torch.tensor(hand.joint_lower), torch.tensor(hand.joint_upper)
+
+
+def finger_frames(hand: Hand, hand_joints: Tensor) -> FingerFrames:
     """Run forward kinematics of all fingers.
 
     Args:
-        hand_joints: Joint positions [rad]. Shape (batch, 16).
+        hand: Whose fingers.
+        hand_joints: Joint positions [rad]. Shape (batch, joints).
     """
-    found = kernels.frames(as_array(hand_joints, (-1, 16)))
+    found = kernels.frames(hand.tables, as_array(hand_joints, (-1, hand.n_joints)))
     return FingerFrames(*[torch.from_numpy(part).to(hand_joints) for part in found])
 
 
-def fingertips(hand_joints: Tensor) -> Tensor:
-    """Return the fingertip points [m] in the palm frame, shape (batch, 4, 3), of joints (batch, 16) [rad]."""
-    return torch.from_numpy(kernels.fingertips(as_array(hand_joints, (-1, 16)))).to(hand_joints)
+def fingertips(hand: Hand, hand_joints: Tensor) -> Tensor:
+    """Return the fingertips [m] in the palm frame, (batch, fingers, 3), of joints (batch, joints) [rad]."""
+    tips = kernels.fingertips(hand.tables, as_array(hand_joints, (-1, hand.n_joints)))
+    return torch.from_numpy(tips).to(hand_joints)
 
 
-def pads(hand_joints: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the pad centres [m] and outward pad normals in the palm frame, each (batch, 4, 3)."""
-    centres, normals = kernels.pads(as_array(hand_joints, (-1, 16)))
+def pads(hand: Hand, hand_joints: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the pad centres [m] and outward pad normals in the palm frame, each (batch, fingers, 3)."""
+    centres, normals = kernels.pads(hand.tables, as_array(hand_joints, (-1, hand.n_joints)))
     return torch.from_numpy(centres).to(hand_joints), torch.from_numpy(normals).to(hand_joints)
 
 
 def solve_fingertips(
+    hand: Hand,
     targets: Tensor,
     previous: Tensor,
     posture_weight: float = kernels.POSTURE_WEIGHT,
@@ -59,33 +68,48 @@ def solve_fingertips(
 ) -> Tensor:
     """Find hand joints that reach fingertip targets: damped least squares, one finger at a time.
 
-    The posture is tied to `previous` because four joints serve a three-dimensional point; a weak tie lets
-    that free joint wander under noise. Damping grows with the remaining error, so far targets stay tame.
+    The posture is tied to `previous` because four or five joints serve a three-dimensional point; a weak tie
+    lets what is free wander under noise. Damping grows with the remaining error, so far targets stay tame.
 
     Args:
-        targets: Fingertip targets in the palm frame [m]. Shape (batch, 4, 3).
-        previous: Previous joint command, seed and posture [rad]. Shape (batch, 16).
+        hand: Whose fingers.
+        targets: Fingertip targets in the palm frame [m]. Shape (batch, fingers, 3).
+        previous: Previous joint command, seed and posture [rad]. Shape (batch, joints).
         posture_weight: Weight of the posture tie [m/rad].
         iterations: Gauss-Newton steps.
 
     Returns:
-        Joint targets within the limits [rad]. Shape (batch, 16).
+        Joint targets within the limits [rad]. Shape (batch, joints).
     """
-    wanted, seeds = as_array(targets, (-1, 4, 3)), as_array(previous, (-1, 16))
-    solved = kernels.solve_fingertips(wanted, seeds, float(posture_weight), int(iterations))
+    wanted, seeds = as_array(targets, (-1, hand.n_fingers, 3)), as_array(previous, (-1, hand.n_joints))
+    solved = kernels.solve_fingertips(hand.tables, wanted, seeds, float(posture_weight), int(iterations))
     return torch.from_numpy(solved).to(previous)
 
 
-def contact_torques(hand_joints: Tensor, points: Tensor, forces: Tensor) -> Tensor:
-    """Return the joint torques [N m], shape (batch, 16), with which the fingertips exert forces.
+def contact_torques(hand: Hand, hand_joints: Tensor, points: Tensor, forces: Tensor) -> Tensor:
+    """Return the joint torques [N m], shape (batch, joints), with which the fingertips exert forces.
 
     Args:
-        hand_joints: Joint positions [rad]. Shape (batch, 16).
-        points: Contact points on the distal links, palm frame [m]. Shape (batch, 4, 3).
-        forces: Forces of the fingers on what they touch, palm frame [N]. Shape (batch, 4, 3).
+        hand: Whose fingers.
+        hand_joints: Joint positions [rad]. Shape (batch, joints).
+        points: Contact points on the distal links, palm frame [m]. Shape (batch, fingers, 3).
+        forces: Forces of the fingers on what they touch, palm frame [N]. Shape (batch, fingers, 3).
     """
-    arrays = as_array(hand_joints, (-1, 16)), as_array(points, (-1, 4, 3)), as_array(forces, (-1, 4, 3))
-    return torch.from_numpy(kernels.contact_torques(*arrays)).to(hand_joints)
+    shape = (-1, hand.n_fingers, 3)
+    joints = as_array(hand_joints, (-1, hand.n_joints))
+    torques = kernels.contact_torques(hand.tables, joints, as_array(points, shape), as_array(forces, shape))
+    return torch.from_numpy(torques).to(hand_joints)
+
+
+def leads(hand: Hand, torques: Tensor) -> Tensor:
+    """Return by how much joint targets must lead the joints for a grip [rad]. Shape (batch, joints).
+
+    Args:
+        hand: Whose motors.
+        torques: Joint torques of the grip [N m], of which a motor gives its largest. Shape (batch, joints).
+    """
+    largest, gains = (torch.tensor(part).to(torques) for part in (hand.grip_torques, hand.position_gains))
+    return torques.clamp(-largest, largest) / gains
 
 
 def as_array(tensor: Tensor, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -1,34 +1,27 @@
 """Build the robot as an `MjSpec` from tables of numbers: primitives only, no mesh files."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from lerobot_dexflex.hand import leap, xarm7
-from lerobot_dexflex.hand.body import Inertia, Link, Quaternion, Vector3
+from lerobot_dexflex.hand import xarm7
+from lerobot_dexflex.hands import PALM, Finger, Hand
+from lerobot_dexflex.hands.body import Box, Inertia, Link, Quaternion, Shape, Vector3
 
-FINGERS = leap.FINGERS
 ARM_JOINTS = tuple(link.joint for link in xarm7.LINKS)
-HAND_JOINTS = tuple(link.joint for link in leap.LINKS)
-JOINTS = ARM_JOINTS + HAND_JOINTS
 
 TIMESTEP = 0.002
 """Physics step [s]."""
 SUBSTEPS = 25
 """Physics steps per control step: 20 Hz control."""
 
-PALM_MOUNT_POSITION = (0.065, -0.04, 0.0)
-"""Palm origin in the flange frame [m]."""
-PALM_MOUNT_QUATERNION = (0, 1, 0, 0)
-
 # Collision groups: (contype, conaffinity). Links touch the world and fingertips, never each other.
 WORLD_COLLISION = (1, 7)
 LINK_COLLISION = (2, 0)
 TIP_COLLISION = (4, 6)
 
-HAND_RELAXED = (0.7, 0.0, 0.37, -0.3) * 3 + (1.2, 0.0, 0.39, -0.38)
-"""Fingers at rest, stretched forward [rad]."""
 TIP_FRICTION = (1.0, 0.005, 0.0001)
 TIP_SOLREF = (2 * TIMESTEP, 1.0)
 """Stiff tips: contact slip under arm motion grows with this time constant."""
@@ -36,6 +29,11 @@ TIP_SOLREF = (2 * TIMESTEP, 1.0)
 _ARM_COLOR = (0.88, 0.88, 0.9, 1)
 _HAND_COLOR = (0.2, 0.2, 0.22, 1)
 _TIP_COLOR = (0.95, 0.95, 0.93, 1)
+
+
+def robot_joints(hand: Hand) -> tuple[str, ...]:
+    """Return the names of all joints of the arm with a hand, in the model's order: the arm's come first."""
+    return (*ARM_JOINTS, *hand.joint_names)
 
 
 def base_spec() -> mujoco.MjSpec:
@@ -57,7 +55,7 @@ def add_arm(spec: mujoco.MjSpec, position: Vector3 = (0.0, 0.0, 0.0)) -> mujoco.
     """Add the xArm7 with its base at `position` [m] and return the flange body `link7`."""
     bodies = {"link_base": _add_body(spec.worldbody, "link_base", position, (1, 0, 0, 0), xarm7.BASE_INERTIA)}
     for link, drive in zip(xarm7.LINKS, xarm7.DRIVES, strict=True):
-        body = bodies[link.name] = _add_link(bodies[link.parent], link, xarm7.JOINT_AXIS)
+        body = bodies[link.name] = _add_link(bodies[link.parent], link)
         _set_joint(body, xarm7.ARMATURE, drive.damping, xarm7.FRICTION_LOSS)
         _add_servo(spec, link, drive.kp, drive.kv, drive.torque)
     contype, conaffinity = LINK_COLLISION
@@ -80,32 +78,37 @@ def add_arm(spec: mujoco.MjSpec, position: Vector3 = (0.0, 0.0, 0.0)) -> mujoco.
 def add_hand(
     spec: mujoco.MjSpec,
     parent: mujoco.MjsBody,
-    position: Vector3 = PALM_MOUNT_POSITION,
-    quaternion: Quaternion = PALM_MOUNT_QUATERNION,
+    hand: Hand,
+    position: Vector3 | None = None,
+    quaternion: Quaternion | None = None,
     tip_friction: Sequence[float] = TIP_FRICTION,
 ) -> mujoco.MjsBody:
-    """Add the LEAP hand to `parent` and return the body `palm`.
+    """Add a hand to `parent` and return the body `palm`.
 
     Args:
         spec: The spec to extend.
         parent: Body that carries the palm (the flange, or the world for a hand-only model).
-        position: Palm origin in the parent frame [m].
-        quaternion: Palm orientation in the parent frame (w x y z).
+        hand: The hand.
+        position: Palm origin in the parent frame [m]; by default as the hand is mounted on the flange.
+        quaternion: Palm orientation in the parent frame (w x y z); by default as the hand is mounted.
         tip_friction: Sliding [1], torsional [m] and rolling [m] friction of the fingertips, which win
             over whatever they touch.
     """
-    bodies = {"palm": _add_body(parent, "palm", position, quaternion, leap.PALM_INERTIA)}
-    _add_boxes(bodies["palm"], leap.PALM_COLLISION)
-    for link in leap.LINKS:
-        body = bodies[link.name] = _add_link(bodies[link.parent], link, leap.JOINT_AXIS)
-        _set_joint(body, leap.ARMATURE, leap.DAMPING, leap.FRICTION_LOSS)
-        _add_servo(spec, link, leap.KP, leap.KV, leap.TORQUE)
-        _add_boxes(body, leap.COLLISION[link.name])
-    for finger in FINGERS:
-        _add_fingertip(bodies[f"{finger}_ds"], finger, tip_friction)
-        for link in ("bs", "mp") if finger == "th" else ("px", "bs"):
-            spec.add_exclude(bodyname1=f"{finger}_ds", bodyname2=f"{finger}_{link}")
-    return bodies["palm"]
+    position = hand.mount_position if position is None else position
+    quaternion = hand.mount_quaternion if quaternion is None else quaternion
+    bodies = {PALM: _add_body(parent, PALM, position, quaternion, hand.palm_inertia)}
+    _add_shapes(bodies[PALM], hand.palm_collision)
+    for finger in hand.fingers:
+        for link, motor, shapes in zip(finger.links, finger.motors, finger.collision, strict=True):
+            body = bodies[link.name] = _add_link(bodies[link.parent], link)
+            _set_joint(body, motor.armature, motor.damping, motor.friction_loss)
+            _add_servo(spec, link, motor.position_gain, motor.velocity_gain, motor.torque)
+            _add_shapes(body, shapes)
+    for finger in hand.fingers:
+        _add_fingertip(bodies[finger.distal], finger, tip_friction)
+    for first, second in hand.excluded:
+        spec.add_exclude(bodyname1=first, bodyname2=second)
+    return bodies[PALM]
 
 
 def _add_body(
@@ -119,10 +122,14 @@ def _add_body(
     return body
 
 
-def _add_link(parent: mujoco.MjsBody, link: Link, axis: Vector3) -> mujoco.MjsBody:
+def _add_link(parent: mujoco.MjsBody, link: Link) -> mujoco.MjsBody:
     body = _add_body(parent, link.name, link.position, link.quaternion, link.inertia)
     body.add_joint(
-        name=link.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, range=link.joint_range, limited=True
+        name=link.joint,
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=link.axis,
+        range=link.joint_range,
+        limited=True,
     )
     return body
 
@@ -141,14 +148,12 @@ def _add_servo(spec: mujoco.MjSpec, link: Link, kp: float, kv: float, torque: fl
     actuator.forcerange, actuator.forcelimited = (-torque, torque), True
 
 
-def _add_boxes(body: mujoco.MjsBody, boxes: Sequence[leap.Box]) -> None:
+def _add_shapes(body: mujoco.MjsBody, shapes: Sequence[Shape]) -> None:
     contype, conaffinity = LINK_COLLISION
-    for k, box in enumerate(boxes):
+    for k, shape in enumerate(shapes):
         body.add_geom(
             name=f"{body.name}_c{k}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=box.half_size,
-            pos=box.position,
+            **_geometry(shape),
             contype=contype,
             conaffinity=conaffinity,
             friction=(0.3, 0.005, 0.0001),
@@ -157,35 +162,35 @@ def _add_boxes(body: mujoco.MjsBody, boxes: Sequence[leap.Box]) -> None:
         )
 
 
-def _add_fingertip(body: mujoco.MjsBody, finger: str, friction: Sequence[float]) -> None:
-    """Add a flat pad block with a rounded nose, the tip site and the pad frame."""
-    x, y, z = leap.PAD_POSITION[finger]
-    centre_x = x + leap.TIP_THICKNESS
-    half_along, half_across = leap.PAD_HALF_SIZE
+def _add_fingertip(body: mujoco.MjsBody, finger: Finger, friction: Sequence[float]) -> None:
+    """Add the shape behind the pad and its nose, the tip site and the pad frame."""
     contype, conaffinity = TIP_COLLISION
-    surface = {
-        "contype": contype,
-        "conaffinity": conaffinity,
-        "condim": 4,
-        "priority": 1,
-        "friction": friction,
-        "solref": TIP_SOLREF,
-        "mass": 0,
-        "rgba": _TIP_COLOR,
+    for part, shape in (("tip", finger.tip), ("nose", finger.nose)):
+        if shape is not None:
+            body.add_geom(
+                name=f"{finger.prefix}_{part}",
+                **_geometry(shape),
+                contype=contype,
+                conaffinity=conaffinity,
+                condim=4,
+                priority=1,
+                friction=friction,
+                solref=TIP_SOLREF,
+                mass=0,
+                rgba=_TIP_COLOR,
+            )
+    body.add_site(name=f"{finger.prefix}_tip", pos=finger.tip_position, group=4)
+    pad = np.asarray(finger.pad_quaternion, float) / np.linalg.norm(finger.pad_quaternion)
+    body.add_site(name=f"{finger.prefix}_pad", pos=finger.pad_position, quat=pad, group=4)
+
+
+def _geometry(shape: Shape) -> dict[str, Any]:
+    """Return what `add_geom` needs to know of a shape's form and place."""
+    if isinstance(shape, Box):
+        return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": shape.half_size, "pos": shape.position}
+    return {
+        "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
+        "size": (shape.radius, shape.half_length, 0),
+        "pos": shape.position,
+        "quat": np.asarray(shape.quaternion, float) / np.linalg.norm(shape.quaternion),
     }
-    body.add_geom(
-        name=f"{finger}_tip",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=(leap.TIP_THICKNESS, half_along - 0.001, half_across),
-        pos=(centre_x, y + 0.001, z),
-        **surface,
-    )
-    body.add_geom(
-        name=f"{finger}_nose",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        size=(0.0085, 0.004, 0),
-        pos=(centre_x, y - 0.0085, z),
-        **surface,
-    )
-    body.add_site(name=f"{finger}_tip", pos=leap.TIP_POSITION[finger], group=4)
-    body.add_site(name=f"{finger}_pad", pos=(x, y, z), quat=leap.PAD_QUATERNION, group=4)

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.body import Quaternion, Vector3
 from lerobot_dexflex.hand.model import WORLD_COLLISION
+from lerobot_dexflex.hands.body import Quaternion, Vector3
 
 Colour = tuple[float, float, float]
 

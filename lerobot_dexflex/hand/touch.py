@@ -1,11 +1,12 @@
-"""Touch: 10x6 taxels on the flat pad of each fingertip, as a FlexiTac sensor would give them.
+"""Touch: a grid of taxels on the flat pad of each fingertip, as a FlexiTac sensor would give them.
 
-Three steps. MuJoCo's tactile sensor gives the *shape*: how deep each vertex of a hidden 10x6 plate, raised
+Three steps. MuJoCo's tactile sensor gives the *shape*: how deep each vertex of a hidden plate, raised
 above the pad by a virtual skin, lies inside the touching object. Its contact sensor gives the *force* on the
 palmar half of the tip. A Winkler foundation (independent springs, one per taxel) joins them: the skin is
 pressed by the one common offset at which the springs carry exactly that force. Sensor effects come last.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -14,22 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.leap import FINGERS
 from lerobot_dexflex.hand.poses import quaternion_matrix
 from lerobot_dexflex.hand.touch_image import touch_strip as touch_strip
 from lerobot_dexflex.hand.winkler import blur_matrix, winkler_loads
-
-TAXELS = (10, 6)
-"""Taxels along the finger (the last row is nearest the tip) and across it, as FlexiTac's fingertip array."""
-PITCH = (0.0025, 0.0033)
-"""Taxel spacing along and across the finger [m]: 25 x 20 mm, the flat face of the LEAP tip."""
+from lerobot_dexflex.hands import Hand
 
 _PLATE = "taxels"
 _PLATE_HALF_THICKNESS = 0.001
 _HIDDEN_GROUP = 5
-# Palmar half of the tip in the pad frame [m]: the pad and the palmar side of the rounded nose.
-_PALMAR_CENTRE = (0.004, 0.0, -0.0036)
-_PALMAR_HALF_SIZE = (0.018, 0.014, 0.0066)
 _UNSHAPED_SPREAD = 0.0025
 _FIELDS = (
     mujoco.mjtConDataField.mjCONDATA_FOUND,
@@ -75,22 +68,23 @@ class TouchConfig:
         return cls(noise_std=0.0, threshold=0.0, saturation=float("inf"), latency_steps=0)
 
 
-def add_touch(spec: mujoco.MjSpec, config: TouchConfig | None = None) -> None:
+def add_touch(spec: mujoco.MjSpec, hand: Hand, config: TouchConfig | None = None) -> None:
     """Add taxels and a contact force sensor to every fingertip.
 
     Everything added is invisible (geom group 5, site group 5), massless and without collisions.
 
     Args:
-        spec: A spec with bodies `{finger}_ds` that carry pad sites `{finger}_pad` (z outward, x toward the
-            tip, y across).
+        spec: A spec that the hand was added to.
+        hand: The hand.
         config: Where to place the taxels; only `skin` is used.
     """
     skin = (config or TouchConfig()).skin
     plate = spec.add_mesh(name=_PLATE)
-    plate.make_plate(list(TAXELS))
-    plate.scale = (PITCH[0] * TAXELS[0] / 2, PITCH[1] * TAXELS[1] / 2, _PLATE_HALF_THICKNESS)
-    for finger in FINGERS:
-        body, pad = spec.body(f"{finger}_ds"), spec.site(f"{finger}_pad")
+    plate.make_plate(list(hand.taxels))
+    along, across = (pitch * n / 2 for pitch, n in zip(hand.taxel_pitch, hand.taxels, strict=True))
+    plate.scale = (along, across, _PLATE_HALF_THICKNESS)
+    for finger, distal in zip(hand.prefixes, hand.distal_links, strict=True):
+        body, pad = spec.body(distal), spec.site(f"{finger}_pad")
         to_pad = quaternion_matrix(np.asarray(pad.quat) / np.linalg.norm(pad.quat))
         # The sensing vertices are the plate's lower face.
         body.add_geom(
@@ -107,9 +101,9 @@ def add_touch(spec: mujoco.MjSpec, config: TouchConfig | None = None) -> None:
         body.add_site(
             name=f"{finger}_palmar",
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=pad.pos + to_pad @ _PALMAR_CENTRE,
+            pos=pad.pos + to_pad @ hand.palmar.position,
             quat=pad.quat,
-            size=_PALMAR_HALF_SIZE,
+            size=hand.palmar.half_size,
             group=_HIDDEN_GROUP,
         )
         spec.add_sensor(
@@ -126,13 +120,13 @@ def add_touch(spec: mujoco.MjSpec, config: TouchConfig | None = None) -> None:
             objtype=mujoco.mjtObj.mjOBJ_SITE,
             objname=f"{finger}_palmar",
             reftype=mujoco.mjtObj.mjOBJ_BODY,
-            refname=f"{finger}_ds",
+            refname=distal,
         )
         force.intprm[:3] = (sum(1 << int(field) for field in _FIELDS), _NET_FORCE, 1)
 
 
 class TouchSensor:
-    """Read the taxels of the four fingers from simulation data.
+    """Read the taxels of all fingers from simulation data.
 
     A finger's *normal force* is the component along the inward pad normal of the net contact force on the
     palmar half of its tip, whoever touches it: objects, the world or another finger. Pushing on the very
@@ -145,38 +139,42 @@ class TouchSensor:
     `mujoco.mj_forward` (or step) after setting a state by hand.
     """
 
-    def __init__(self, model: mujoco.MjModel, config: TouchConfig | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, hand: Hand, config: TouchConfig | None = None) -> None:
         """Look up the sensors that `add_touch` made.
 
         Args:
             model: The compiled model.
+            hand: The hand given to `add_touch`.
             config: Skin and electronics; `skin` must be the one given to `add_touch`.
 
         Raises:
             DexFlexError: If the model has no touch sensors.
         """
         self.config = config or TouchConfig()
-        addresses = [_sensor_address(model, f"{finger}_taxels") for finger in FINGERS]
-        self._depth = np.add.outer(addresses, np.arange(TAXELS[0] * TAXELS[1]))  # (4, 60)
-        addresses = [_sensor_address(model, f"{finger}_force") for finger in FINGERS]
-        self._force = np.add.outer(addresses, np.arange(1, 4))  # (4, 3), after the number of contacts
+        self._taxels, self._pitch = hand.taxels, hand.taxel_pitch
+        addresses = [_sensor_address(model, f"{finger}_taxels") for finger in hand.prefixes]
+        self._depth = np.add.outer(addresses, np.arange(math.prod(hand.taxels)))  # (fingers, taxels)
+        addresses = [_sensor_address(model, f"{finger}_force") for finger in hand.prefixes]
+        self._force = np.add.outer(addresses, np.arange(1, 4))  # (fingers, 3), after the number of contacts
         self._point = self._force + 3
-        self._pads = np.array([model.site(f"{finger}_pad").id for finger in FINGERS])
-        self._spread = [blur_matrix(n, self.config.blur / p) for n, p in zip(TAXELS, PITCH, strict=True)]
+        self._pads = np.array([model.site(f"{finger}_pad").id for finger in hand.prefixes])
+        self._spread = [
+            blur_matrix(n, self.config.blur / p) for n, p in zip(self._taxels, self._pitch, strict=True)
+        ]
         self._pending: deque[NDArray[np.float32]] = deque()
 
     def normal_forces(self, data: mujoco.MjData) -> NDArray[np.float64]:
-        """Return the compressive normal force on each pad. Shape (4,), [N], never negative."""
+        """Return the compressive normal force on each pad. Shape (fingers,), [N], never negative."""
         normals = data.site_xmat[self._pads].reshape(-1, 3, 3)[:, :, 2]
         return np.maximum(-(data.sensordata[self._force] * normals).sum(axis=1), 0.0)
 
     def true_taxels(self, data: mujoco.MjData) -> NDArray[np.float64]:
-        """Return the force on every taxel before sensor effects. Shape (4, 10, 6), [N].
+        """Return the force on every taxel before sensor effects. Shape (fingers, along, across), [N].
 
         The taxels of a finger sum to its `normal_forces`.
         """
         forces = self.normal_forces(data)
-        taxels = np.zeros((len(FINGERS), *TAXELS))
+        taxels = np.zeros((len(self._pads), *self._taxels))
         touched = np.flatnonzero(forces)
         if touched.size == 0:
             return taxels
@@ -185,11 +183,11 @@ class TouchSensor:
         for row in np.flatnonzero(depths.max(axis=1) <= 0.0):
             loads[row] = self._nearest(data, int(touched[row])) * forces[touched[row]]
         along, across = self._spread
-        taxels[touched] = along @ loads.reshape(-1, *TAXELS) @ across
+        taxels[touched] = along @ loads.reshape(-1, *self._taxels) @ across
         return taxels
 
     def read(self, data: mujoco.MjData, rng: np.random.Generator) -> NDArray[np.float32]:
-        """Return what the sensor reports, once per control step. Shape (4, 10, 6), [N].
+        """Return what the sensor reports, once per control step. Shape (fingers, along, across), [N].
 
         Args:
             data: Simulation data.
@@ -213,20 +211,20 @@ class TouchSensor:
         self._pending.clear()
 
     def state(self) -> NDArray[np.float32]:
-        """Return the delayed readings, oldest first. Shape (pending, 4, 10, 6), [N]."""
-        return np.array(self._pending, np.float32).reshape(-1, len(FINGERS), *TAXELS)
+        """Return the delayed readings, oldest first. Shape (pending, fingers, along, across), [N]."""
+        return np.array(self._pending, np.float32).reshape(-1, len(self._pads), *self._taxels)
 
     def set_state(self, state: NDArray[np.float32]) -> None:
         """Continue exactly from a `state`."""
         self._pending = deque(reading.copy() for reading in state)
 
     def _nearest(self, data: mujoco.MjData, finger: int) -> NDArray[np.float64]:
-        """Return each taxel's share of a force that reaches none through the skin. Shape (60,), sums to 1."""
+        """Return each taxel's share of a force that reaches none through the skin: (taxels,), sum 1."""
         pad = self._pads[finger]
         offset = data.sensordata[self._point[finger]] - data.site_xpos[pad]
         centre = offset @ data.site_xmat[pad].reshape(3, 3)  # pad frame
         shares = []
-        for n, pitch, x in zip(TAXELS, PITCH, centre, strict=False):
+        for n, pitch, x in zip(self._taxels, self._pitch, centre, strict=False):
             position = (np.arange(n) - (n - 1) / 2) * pitch
             distance = position - np.clip(x, position[0], position[-1])
             shares.append(np.exp(-0.5 * (distance / _UNSHAPED_SPREAD) ** 2))
@@ -237,5 +235,7 @@ class TouchSensor:
 def _sensor_address(model: mujoco.MjModel, name: str) -> int:
     sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
     if sensor < 0:
-        raise DexFlexError(f"The model has no sensor '{name}'. Call `add_touch(spec)` before compiling it.")
+        raise DexFlexError(
+            f"The model has no sensor '{name}'. Call `add_touch(spec, hand)` before compiling it."
+        )
     return int(model.sensor_adr[sensor])

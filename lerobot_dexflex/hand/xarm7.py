@@ -5,7 +5,7 @@ Only numbers are taken over. Collision capsules are our own approximation.
 
 from typing import NamedTuple
 
-from lerobot_dexflex.hand.body import Capsule, Inertia, Link
+from lerobot_dexflex.hands.body import Capsule, Inertia, Link
 
 HOME = (0.0, -0.247, 0.0, 0.909, 0.0, 1.15644, 0.0)
 """Home configuration [rad]: flange at (0.400, 0, 0.400) m above `link_base`, pointing down."""
@@ -56,6 +56,7 @@ LINKS = (
         ),
         "joint1",
         _TURN,
+        JOINT_AXIS,
     ),
     Link(
         "link2",
@@ -70,6 +71,7 @@ LINKS = (
         ),
         "joint2",
         (-2.059, 2.0944),
+        JOINT_AXIS,
     ),
     Link(
         "link3",
@@ -84,6 +86,7 @@ LINKS = (
         ),
         "joint3",
         _TURN,
+        JOINT_AXIS,
     ),
     Link(
         "link4",
@@ -98,6 +101,7 @@ LINKS = (
         ),
         "joint4",
         (-0.19198, 3.927),
+        JOINT_AXIS,
     ),
     Link(
         "link5",
@@ -112,6 +116,7 @@ LINKS = (
         ),
         "joint5",
         _TURN,
+        JOINT_AXIS,
     ),
     Link(
         "link6",
@@ -126,6 +131,7 @@ LINKS = (
         ),
         "joint6",
         (-1.69297, 3.14159),
+        JOINT_AXIS,
     ),
     Link(
         "link7",
@@ -140,6 +146,7 @@ LINKS = (
         ),
         "joint7",
         _TURN,
+        JOINT_AXIS,
     ),
 )
 

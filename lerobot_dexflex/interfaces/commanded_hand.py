@@ -10,12 +10,13 @@ from torch import Tensor
 
 from lerobot_dexflex.conventions import CONTROL_PERIOD, STATE
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand import leap
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips, solve_fingertips
+from lerobot_dexflex.hand.kinematics import fingertips, joint_limits, leads, solve_fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
-N_JOINTS = len(leap.LINKS)
-LARGEST_STEP = leap.MAX_SPEED * CONTROL_PERIOD
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+N_JOINTS = LEAP.n_joints
+LARGEST_STEP = float(LEAP.joint_speeds.min()) * CONTROL_PERIOD
 """Largest change of a joint target in a control step [rad]: what the servo can follow."""
 
 
@@ -73,7 +74,7 @@ class CommandedHand:
             self._command = torch.where(fresh, joints, self._command)
             self._posture = torch.where(fresh, joints, self._posture)
             self._fresh = torch.zeros_like(self._fresh)
-        return Measured(joints, fingertips(joints))
+        return Measured(joints, fingertips(LEAP, joints))
 
     def execute(self, joints: Tensor, posture: Tensor | None = None) -> Tensor:
         """Bound joint targets, remember and return them; what is within the bounds passes bit for bit.
@@ -137,10 +138,10 @@ class CommandedInterface(ABC):
         """
         motion = self.gain * motion
         goal = measured.tips + (motion if push is None else motion + push)
-        posture = solve_fingertips(goal, self._hand.posture)
+        posture = solve_fingertips(LEAP, goal, self._hand.posture)
         joints = posture
         if torques is not None:
-            lead = torques.clamp(-leap.GRIP_TORQUE, leap.GRIP_TORQUE) / leap.KP
+            lead = leads(LEAP, torques)
             joints = (posture + lead).clamp(JOINT_LOWER.to(posture), JOINT_UPPER.to(posture))
         joints = self._hand.execute(joints, posture)
         self._motion = motion

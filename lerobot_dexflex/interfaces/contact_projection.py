@@ -21,6 +21,7 @@ from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import pads
+from lerobot_dexflex.hands import LEAP
 
 WINDOW = 29
 """Control steps of loads that are looked at, this one included."""
@@ -113,7 +114,7 @@ def project_draft(asked: Tensor, grasp: Grasp, settings: ProjectionSettings) -> 
     loads = grasp.loads.masked_fill(grasp.missing[:, None], 0.0)
     now, recent = loads[:, 0], (loads[:, _RECENT] > CONTACT_FORCE).any(1)  # (batch, 4)
     loaded, first = now > CONTACT_FORCE, asked[:, 0]
-    inward = pads(grasp.joints)[1]
+    inward = pads(LEAP, grasp.joints)[1]
     planned = (asked[:, 1:].abs() > _PLAN).flatten(1).any(1)  # (batch,)
 
     moved = _together(first, grasp.tips, inward, now, planned, settings)

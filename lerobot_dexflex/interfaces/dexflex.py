@@ -12,6 +12,7 @@ from lerobot_dexflex.controller import DexFlexController, History, Selection, Se
 from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import finger_frames, pads
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.explanation import Choice
 from lerobot_dexflex.interfaces.grip import NO_SERVO, Grip, centres_of_pressure
 from lerobot_dexflex.interfaces.learned import LearnedInterface, Sensed
@@ -112,9 +113,9 @@ class DexFlexInterface(LearnedInterface):
         joints = sensed.measured.joints
         if self.settings.grip:
             holding = self._grip.feel(self._loads(sensed, history))
-            return self.settings.grip * pads(joints)[1] * holding[..., None]
+            return self.settings.grip * pads(LEAP, joints)[1] * holding[..., None]
         local = self.controller.decode(state, ahead.float()).grip().double()
-        rotation = finger_frames(joints).distal_rotation
+        rotation = finger_frames(LEAP, joints).distal_rotation
         return (rotation @ local[..., None]).squeeze(-1)
 
     def _press(self, sensed: Sensed, history: History, motion: Tensor, forces: Tensor) -> Tensor:

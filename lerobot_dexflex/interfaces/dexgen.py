@@ -12,10 +12,14 @@ from lerobot_dexflex.controller.diffusion_prior import STEPS, DiffusionPrior
 from lerobot_dexflex.controller.finite import check_output
 from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, solve_fingertips
+from lerobot_dexflex.hand.kinematics import joint_limits, solve_fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.learned import LearnedInterface, file_stamps
 from lerobot_dexflex.interfaces.registry import INTERFACES
+
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+
 
 GUIDANCE = 30.0
 """Strength of the guidance (log in `eval/LOG.md`)."""
@@ -96,7 +100,7 @@ class DexGenInterface(LearnedInterface):
         )
         free, asked = self._free(sensed, history), sensed.draft.draft[:, 0]
         motion = torch.where(free[..., None], asked, motion)
-        followed = solve_fingertips(sensed.measured.tips + self.gain * asked, self._hand.posture)
+        followed = solve_fingertips(LEAP, sensed.measured.tips + self.gain * asked, self._hand.posture)
         joints = torch.where(free.repeat_interleave(4, 1), followed, joints)
         self._motion = self.gain * motion
         self._explain(sensed, motion, free)

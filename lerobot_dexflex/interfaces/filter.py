@@ -6,6 +6,7 @@ from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, check_draft
 from lerobot_dexflex.interfaces.raw import MEANING
 
@@ -38,7 +39,7 @@ class FilterInterface(CommandedInterface):
         with self.all_or_nothing():
             measured = self._hand.look(observation)
             checked = check_draft(draft, (4, 3), len(measured.joints), MEANING)
-            before = fingertips(self._hand.posture)  # What was commanded last; measured in new rows.
+            before = fingertips(LEAP, self._hand.posture)  # What was commanded last; measured in new rows.
             wanted = measured.tips + checked[:, 0]
             lead = before + self.share * (wanted - before) - measured.tips
             lead = lead * (self.limit / lead.norm(dim=-1, keepdim=True).clamp(min=self.limit))

@@ -9,7 +9,7 @@ from torch import Tensor
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import contact_torques, finger_frames, pads
-from lerobot_dexflex.hand.touch import PITCH, TAXELS
+from lerobot_dexflex.hands import LEAP
 
 RECENT = 3
 """A finger that carried load so many control steps ago is still taken to hold."""
@@ -100,7 +100,7 @@ class Grip:
         assert self._offset is not None
         assert self._unloaded is not None
         servo, forces = self.servo, forces.double()
-        centres, inward = pads(joints)
+        centres, inward = pads(LEAP, joints)
         wanted = forces.norm(dim=-1)
         pressing = wanted > CONTACT_FORCE
         touching = self._unloaded == 0
@@ -108,7 +108,7 @@ class Grip:
         step = torch.where(touching, error, servo.back)
         step = torch.where(pressing & loads.isfinite(), step, -servo.release)
         self._offset = (self._offset + step).clamp(0.0, servo.limit)
-        torques = contact_torques(joints, centres if points is None else points, forces)
+        torques = contact_torques(LEAP, joints, centres if points is None else points, forces)
         return Exertion(torques, self._offset[..., None] * inward)
 
 
@@ -119,17 +119,17 @@ def centres_of_pressure(joints: Tensor, tactile: Tensor) -> Tensor:
         joints: Measured [rad], float64. Shape (batch, 16).
         tactile: Taxels [N]; NaN where they are not known. Shape (batch, 240).
     """
-    taxels = tactile.double().nan_to_num().clamp(min=0).reshape(-1, 4, *TAXELS)
+    taxels = tactile.double().nan_to_num().clamp(min=0).reshape(-1, 4, *LEAP.taxels)
     along, across = (
         pitch * (torch.arange(count, device=taxels.device) - (count - 1) / 2)
-        for pitch, count in zip(PITCH, TAXELS, strict=True)
+        for pitch, count in zip(LEAP.taxel_pitch, LEAP.taxels, strict=True)
     )
     total = taxels.sum((-1, -2)).clamp(min=CONTACT_FORCE)
     offset = torch.stack(
         [(taxels.sum(-1) * along).sum(-1) / total, (taxels.sum(-2) * across).sum(-1) / total], -1
     )
-    frames = finger_frames(joints).distal_rotation  # Pads look along -x, their tips lie along -y.
-    centres = pads(joints)[0]
+    frames = finger_frames(LEAP, joints).distal_rotation  # Pads look along -x, their tips lie along -y.
+    centres = pads(LEAP, joints)[0]
     return centres - offset[..., :1] * frames[..., 1] + offset[..., 1:] * frames[..., 2]
 
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from torch import Tensor
 
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS, CommandedInterface, check_draft
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
@@ -22,5 +23,5 @@ class JointInterface(CommandedInterface):
             rows = len(measured.joints)
             targets = check_draft(draft, (N_JOINTS,), rows, "absolute hand joint targets [rad]")[:, 0]
             joints = self._hand.execute(targets)
-        self._motion = fingertips(joints) - measured.tips
+        self._motion = fingertips(LEAP, joints) - measured.tips
         return joints.to(draft.dtype)

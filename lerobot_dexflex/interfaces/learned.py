@@ -12,6 +12,7 @@ from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer
 from lerobot_dexflex.conventions import FINGERTIPS, TACTILE
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import pads
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH, DraftReading, DraftWatch, checked_draft
@@ -109,7 +110,7 @@ class LearnedInterface(CommandedInterface):
             return sensed
         found = self.controller.squeeze(state, draft.float()).double()
         touching = (loads_of(sensed.touch.tactile) > CONTACT_FORCE) | history.tactile_missing
-        inward = pads(sensed.measured.joints)[1]
+        inward = pads(LEAP, sensed.measured.joints)[1]
         pressed = torch.minimum((found * inward).sum(-1), (draft[:, 0] * inward).sum(-1))
         squeezes = touching & (pressed > LEAST_SQUEEZE)
         squeeze = torch.where(squeezes[..., None], found, 0.0)
@@ -120,7 +121,7 @@ class LearnedInterface(CommandedInterface):
     def _free(self, sensed: Sensed, history: History) -> Tensor:
         """Return which fingers follow their draft as it came. (batch, 4) bool; call it once per step."""
         late = sensed.draft.health == DRAFT_HEALTH.index("late")
-        inward = pads(sensed.measured.joints)[1]
+        inward = pads(LEAP, sensed.measured.joints)[1]
         return self._fingers.look(sensed.draft.draft, self._loads(sensed, history), inward, late)
 
     @staticmethod

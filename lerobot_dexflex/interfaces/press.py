@@ -8,6 +8,7 @@ from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import pads
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured, check_draft
 from lerobot_dexflex.interfaces.grip import NO_SERVO, Grip, ServoSettings, loads_of
 from lerobot_dexflex.interfaces.raw import MEANING
@@ -83,7 +84,7 @@ class PressInterface(CommandedInterface):
 
     def _press(self, measured: Measured, draft: Tensor, loads: Tensor) -> Tensor:
         settings = self.settings
-        inward = pads(measured.joints)[1]
+        inward = pads(LEAP, measured.joints)[1]
         holding = self._grip.feel(loads)
         motion = self._smooth(draft[:, 0])
         if settings.release:

@@ -8,7 +8,8 @@ from huggingface_hub import DatasetCardData
 
 from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.envs.registration import TASKS
-from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
+from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.recording.config import RecordConfig
 from lerobot_dexflex.recording.recipe import SIMULATED
@@ -194,7 +195,11 @@ def _passed_through(record: dict[str, Any], what: str) -> str:
 
 def _rows(info: dict[str, Any]) -> list[str]:
     features = info["features"]
-    joints = JOINTS if features["observation.state"]["shape"][0] == len(JOINTS) else HAND_JOINTS
+    joints = (
+        robot_joints(LEAP)
+        if features["observation.state"]["shape"][0] == len(robot_joints(LEAP))
+        else LEAP.joint_names
+    )
     images = [key for key in features if key.startswith("observation.images.")]
     rows = []
     for key in images:

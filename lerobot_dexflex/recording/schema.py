@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.hand.model import FINGERS, SUBSTEPS, TIMESTEP
+from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP
+from lerobot_dexflex.hands import LEAP
 
 FPS = round(1 / (SUBSTEPS * TIMESTEP))
 """Frames per second of datasets: the control rate."""
@@ -30,7 +31,7 @@ class Column(NamedTuple):
     meaning: str
 
 
-_TIPS = [f"{finger}_tip.{axis}" for finger in FINGERS for axis in "xyz"]
+_TIPS = [f"{finger}_tip.{axis}" for finger in LEAP.prefixes for axis in "xyz"]
 
 
 def privileged_columns() -> dict[str, Column]:
@@ -47,9 +48,9 @@ def privileged_columns() -> dict[str, Column]:
             "the errors of its glove, in the palm frame",
         ),
         "contact.loads": Column(
-            [f"{finger}_load" for finger in FINGERS],
+            [f"{finger}_load" for finger in LEAP.prefixes],
             "N",
-            np.full(len(FINGERS), FORCE_STEP),
+            np.full(LEAP.n_fingers, FORCE_STEP),
             "privileged: true normal force on each fingertip before this step",
         ),
     }
@@ -61,7 +62,7 @@ def columns(joints: Sequence[str]) -> dict[str, Column]:
     tips = _TIPS
     taxels = [
         f"{finger}_taxel.{row}.{column}"
-        for finger in FINGERS
+        for finger in LEAP.prefixes
         for row in range(TAXEL_ROWS)
         for column in range(TAXEL_COLUMNS)
     ]

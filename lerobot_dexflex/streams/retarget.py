@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kernels import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.streams.record import ROBOT_TIPS, Array, Record
 
 OPEN_HAND = (*(0.0,) * 14, 1.0, 0.0)
@@ -55,7 +56,10 @@ def calibrate(record: Record, thumb_scale: float = 1.0, joints: ArrayLike = OPEN
         )
     if not thumb_scale > 0:
         raise DexFlexError(f"`thumb_scale` must be positive. Got {thumb_scale}.")
-    human, robot = _stretched(record.keypoints[ROBOT_TIPS], thumb_scale), fingertips(np.array(joints, float))
+    human, robot = (
+        _stretched(record.keypoints[ROBOT_TIPS], thumb_scale),
+        fingertips(LEAP.tables, np.array(joints, float)),
+    )
     retargeting = _similarity(human, robot, thumb_scale)
     if retargeting.rotation[2, 2] < 0:
         raise DexFlexError(

@@ -9,7 +9,8 @@ from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module
-from lerobot_dexflex.hand import leap, xarm7
+from lerobot_dexflex.hand import xarm7
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording.config import check_drafts
 from lerobot_dexflex.recording.recipe import SIMULATED, Recipe
 from lerobot_dexflex.teleop.stream_config import STREAMS, StreamConfig
@@ -100,7 +101,7 @@ class TeleopConfig(Recipe):
             raise DexFlexError("`view_folder` is for --view=rerun. Got --view=none: leave one out.")
 
     def _check_arm(self) -> None:
-        joints = len(xarm7.LINKS) + len(leap.LINKS)
+        joints = len(xarm7.LINKS) + LEAP.n_joints
         if TASKS[self.task].joints != joints:
             valid = [name for name, task in TASKS.items() if task.joints == joints]
             raise DexFlexError(f"{self.task} has no arm to lead. Valid tasks: {', '.join(valid)}.")

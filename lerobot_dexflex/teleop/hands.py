@@ -11,11 +11,11 @@ from lerobot_dexflex.commands.source import Source
 from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.hand.model import HAND_JOINTS
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.protocol import Interface
 from lerobot_dexflex.teleop.ik import STRAIGHT
 
-_BENDING = np.array([HAND_JOINTS.index(name) for name in STRAIGHT]).reshape(-1, 2)
+_BENDING = np.array([LEAP.joint_names.index(name) for name in STRAIGHT]).reshape(-1, 2)
 _BACK, _FORWARD = -0.05, 0.15
 """A finger is bent forward if neither of its last two joints is bent back farther than the first [rad], and
 both together are bent forward by the second."""
@@ -35,7 +35,7 @@ class LedHand(GlovedHand):
 
     def move(self, observation: Mapping[str, Any], command: Command) -> Command:
         """See `GlovedHand.move`."""
-        measured = np.asarray(observation["agent_pos"], float)[-len(HAND_JOINTS) :]
+        measured = np.asarray(observation["agent_pos"], float)[-LEAP.n_joints :]
         self.handed_over |= bends_forward(measured)
         return super().move(observation, command) if self.handed_over else command
 

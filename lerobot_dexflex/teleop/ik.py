@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.streams.wrist_frame import Frame
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ LIMIT_MARGIN = 1e-3
 """Distance that is kept from the joint limits [rad]."""
 POSTURE = np.array((*(0.4, 0.0, 0.6, 0.4) * 3, 0.3, 0.0, 0.8, 0.3))
 """What the fingers prefer: a loosely bent hand [rad]."""
-STRAIGHT = tuple(joint for joint in robot.HAND_JOINTS if joint.endswith(("_pip", "_dip")))
+STRAIGHT = tuple(joint for joint in LEAP.joint_names if joint.endswith(("_pip", "_dip")))
 """Joints that bend no farther back than straight, as a person's. A finger that passes through straight could
 else bend the wrong way, and stay so while the person's makes a fist."""
 UNBEND = 1.0
@@ -113,12 +113,11 @@ class RobotIK:
         palm = mink.FrameTask("palm", "body", 1.0, ROTATION_COST, lm_damping=1.0)
         self._arm = Chain(_arm_model(), palm, arm, posture_cost=0.01, damping_cost=0.05, speed=ARM_SPEED)
         self._fingers = []
-        for finger, own in zip(robot.FINGERS, np.split(POSTURE, len(robot.FINGERS)), strict=True):
+        speed = float(LEAP.joint_speeds.min())
+        for finger, own in zip(LEAP.prefixes, np.split(POSTURE, LEAP.n_fingers), strict=True):
             tip = mink.FrameTask(f"{finger}_tip", "site", 1.0, 0.0, lm_damping=3.0)
             model = _finger_model(finger)
-            self._fingers.append(
-                Chain(model, tip, own, posture_cost=0.002, damping_cost=0.01, speed=leap.MAX_SPEED)
-            )
+            self._fingers.append(Chain(model, tip, own, posture_cost=0.002, damping_cost=0.01, speed=speed))
         self.put(joints)
 
     @property
@@ -174,19 +173,19 @@ class RobotIK:
 def _arm_model() -> mujoco.MjModel:
     """Return the arm with a palm but no fingers."""
     spec = robot.base_spec()
-    robot.add_hand(spec, robot.add_arm(spec))
-    return _without(spec, robot.FINGERS)
+    robot.add_hand(spec, robot.add_arm(spec), LEAP)
+    return _without(spec, LEAP.prefixes)
 
 
 def _finger_model(finger: str) -> mujoco.MjModel:
     """Return one finger in the frame of its palm, which stands still."""
     spec = robot.base_spec()
-    robot.add_hand(spec, spec.worldbody, (0.0, 0.0, 0.0), (1, 0, 0, 0))
-    return _without(spec, [other for other in robot.FINGERS if other != finger])
+    robot.add_hand(spec, spec.worldbody, LEAP, (0.0, 0.0, 0.0), (1, 0, 0, 0))
+    return _without(spec, [other for other in LEAP.prefixes if other != finger])
 
 
 def _without(spec: mujoco.MjSpec, fingers: Sequence[str]) -> mujoco.MjModel:
-    for link in leap.LINKS:
+    for link in LEAP.links:
         if link.parent == "palm" and link.name.partition("_")[0] in fingers:
             spec.delete(spec.body(link.name))
     return spec.compile()

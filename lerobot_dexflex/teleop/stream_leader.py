@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts.command import Command, fingertips_of
-from lerobot_dexflex.hand.model import HAND_JOINTS
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.streams.record import Array
 from lerobot_dexflex.streams.source import Newest, Source
 from lerobot_dexflex.teleop.calibration import OpenHand
@@ -115,7 +115,7 @@ class StreamLeader:
         if self.over:
             return None
         joints = self.joints
-        tips = fingertips_of(joints[-len(HAND_JOINTS) :])
+        tips = fingertips_of(joints[-LEAP.n_joints :])
         return Command(joints, joints, np.tile(tips, (DRAFT_HORIZON, 1, 1)))
 
     def _look(self, newest: Newest, now: float) -> None:

@@ -13,6 +13,7 @@ from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.corpus.schema import COLUMNS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import finger_frames
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.runs.provenance import digest_text
 
 SPLITS = ("train", "tune")
@@ -93,7 +94,7 @@ class CorpusData:
 
     def local_forces(self, rows: Tensor) -> Tensor:
         """Return the wanted forces in the distal links' frames [N]. Shape (batch, 4, 3)."""
-        rotation = finger_frames(self.columns["joints"][rows]).distal_rotation
+        rotation = finger_frames(LEAP, self.columns["joints"][rows]).distal_rotation
         return (rotation.mT @ self.columns["forces"][rows][..., None]).squeeze(-1)
 
     def continuing(self, steps: int) -> Tensor:

@@ -10,9 +10,9 @@ from torch.nn import functional
 from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.splitter import Splitter
-from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.hand.kinematics import contact_torques, fingertips, pads
+from lerobot_dexflex.hand.kinematics import contact_torques, fingertips, leads, pads
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.fit import FitConfig, Stage
@@ -116,9 +116,8 @@ def squeeze_of(joints: Tensor, forces: Tensor) -> Tensor:
         joints: Measured [rad]. Shape (batch, 16).
         forces: Of the fingers on the object, palm frame [N]. Shape (batch, 4, 3).
     """
-    torques = contact_torques(joints, pads(joints)[0], forces)
-    lead = torques.clamp(-leap.GRIP_TORQUE, leap.GRIP_TORQUE) / leap.KP
-    return (fingertips(joints + lead) - fingertips(joints)).float()
+    torques = contact_torques(LEAP, joints, pads(LEAP, joints)[0], forces)
+    return (fingertips(LEAP, joints + leads(LEAP, torques)) - fingertips(LEAP, joints)).float()
 
 
 def _rms_mm(values: Tensor) -> float:

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON, STATE
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Interface
 from lerobot_policy_dexflex.drafts import joint_draft, tip_draft
 from lerobot_policy_dexflex.normalization import N_HAND_JOINTS
@@ -78,7 +79,7 @@ def execute(
             draft = joint_draft(hand, step, DRAFT_HORIZON)
         else:
             planned = hand.double().unflatten(-1, (4, 3))
-            tips = fingertips(observation[STATE][:, -N_HAND_JOINTS:].double())
+            tips = fingertips(LEAP, observation[STATE][:, -N_HAND_JOINTS:].double())
             draft = tip_draft(planned, step, DRAFT_HORIZON, tips)
         hand_targets = interface.step(observation, draft).to(chunk.dtype)
         return torch.cat([arm[:, step], hand_targets], -1)

@@ -13,7 +13,8 @@ from torch import Tensor
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.model import HAND_JOINTS, JOINTS
+from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording.schema import FPS, columns, robot_type
 from lerobot_policy_dexflex.configuration_env import CAMERAS
 from lerobot_policy_dexflex.lerobot_command import renamed, told_environment
@@ -39,7 +40,7 @@ def check_dataset(meta: Any, inputs: Shapes) -> None:
     Raises:
         DexFlexError: If they differ; the message names the difference and the remedy.
     """
-    robots = {robot_type(joints): joints for joints in (JOINTS, HAND_JOINTS)}
+    robots = {robot_type(joints): joints for joints in (robot_joints(LEAP), LEAP.joint_names)}
     if meta.robot_type not in robots:
         raise DexFlexError(
             f"The dataset's robot_type is {meta.robot_type!r}, but dexflex_flow drives "

@@ -6,7 +6,8 @@ from draccus.utils import ParsingError
 from lerobot.teleoperators import TeleoperatorConfig
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand import leap, xarm7
+from lerobot_dexflex.hand import xarm7
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.teleop.stream_config import STREAMS, StreamConfig
 
 
@@ -43,7 +44,7 @@ class DexflexGloveConfig(TeleoperatorConfig):
             self.stream.check(self.source)
         except DexFlexError as error:
             raise ParsingError(str(error).replace("--s", "--teleop.s")) from error
-        joints = len(xarm7.LINKS) + len(leap.LINKS)
+        joints = len(xarm7.LINKS) + LEAP.n_joints
         if len(self.start) not in (0, joints):
             raise ParsingError(f"`start` must be {joints} joints [rad], or none. Got {len(self.start)}.")
         for name in ("scale", "thumb_scale", "patience"):

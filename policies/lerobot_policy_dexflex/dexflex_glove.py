@@ -11,7 +11,8 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import xarm7
-from lerobot_dexflex.hand.model import HAND_RELAXED, JOINTS
+from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.teleop.clock import TICK, Clock, SystemClock
 from lerobot_dexflex.teleop.sources import open_source
 from lerobot_dexflex.teleop.stream_leader import StreamLeader
@@ -44,7 +45,7 @@ class DexflexGlove(Teleoperator):
     @property
     def action_features(self) -> dict[str, type]:
         """Joints by name, arm then hand [rad]."""
-        return {f"{joint}.pos": float for joint in JOINTS}
+        return {f"{joint}.pos": float for joint in robot_joints(LEAP)}
 
     @property
     def feedback_features(self) -> dict[str, type]:
@@ -81,7 +82,7 @@ class DexflexGlove(Teleoperator):
             scale=config.scale,
             heading=math.radians(config.heading),
         )
-        self._leader.put(config.start or (*xarm7.HOME, *HAND_RELAXED))
+        self._leader.put(config.start or (*xarm7.HOME, *LEAP.relaxed_joints))
         if calibrate:
             try:
                 self.calibrate()

@@ -7,14 +7,14 @@ import torch
 from torch import Tensor, nn
 
 from lerobot_dexflex.conventions import FINGERTIPS, STATE
-from lerobot_dexflex.hand import leap
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 MIN_ANGLE_STD = 0.01
 """A joint that hardly moves in the data is not blown up to unit scale [rad]."""
 MIN_LENGTH_STD = 0.002
 """The same for fingertips [m]."""
-N_HAND_JOINTS = len(leap.LINKS)
+N_HAND_JOINTS = LEAP.n_joints
 N_TIP_NUMBERS = 12
 """Coordinates of the fingertips, which follow the joint targets in a dataset's action."""
 

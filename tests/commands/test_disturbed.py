@@ -12,11 +12,12 @@ from lerobot_dexflex.commands.levels import LEVELS
 from lerobot_dexflex.commands.stream import ErrorStream, seeds_of
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, pads
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import CommandSpace
 from lerobot_dexflex.interfaces.method import make_interface
 
 JOINTS = torch.full((1, 16), 0.6, dtype=torch.float64)
-TIPS = fingertips(JOINTS)
+TIPS = fingertips(LEAP, JOINTS)
 THUMB, SEED = 3, 5
 LOADS = [1.0, 1.0, 1.0, 5.0]
 REMOVAL = CommandErrors.of(removal=0.002)
@@ -78,7 +79,7 @@ def test_the_most_loaded_finger_leaves_from_where_it_is_felt_and_the_others_foll
     assert changed == event_steps(REMOVAL, SEED, 60)
     assert 8 <= sum(changed) <= 24
     first = changed.index(True)
-    inward = pads(JOINTS)[1][0, THUMB]
+    inward = pads(LEAP, JOINTS)[1][0, THUMB]
     for k in range(8):
         seen = drafts[first + k][0]
         assert torch.equal(seen[:, :THUMB], draft[0, :, :THUMB])
@@ -102,8 +103,8 @@ def test_planned_joints_are_those_of_a_finger_that_leaves():
     changed = event_steps(REMOVAL, SEED, 30)
     seen = drafts[changed.index(True) + 3][0, 0]
     assert torch.equal(seen[:12], JOINTS[0, :12])
-    leaving = (fingertips(seen[None]) - TIPS)[0, THUMB]
-    outward = -pads(JOINTS)[1][0, THUMB]
+    leaving = (fingertips(LEAP, seen[None]) - TIPS)[0, THUMB]
+    outward = -pads(LEAP, JOINTS)[1][0, THUMB]
     assert leaving @ outward == pytest.approx(4 * 0.002, rel=0.3)  # The posture tie leaves some out.
 
 
@@ -121,7 +122,7 @@ def test_noise_moves_the_fingertips_of_planned_joints_as_those_of_drafts():
     plan = JOINTS.view(1, 1, 16).repeat(1, 8, 1)
     [joints] = heard(errors, [plan], command_space="joint")
     [draft] = heard(errors, [torch.zeros(1, 8, 4, 3, dtype=torch.float64)])
-    asked, got = draft[0].flatten(), (fingertips(joints[0]) - TIPS).flatten()
+    asked, got = draft[0].flatten(), (fingertips(LEAP, joints[0]) - TIPS).flatten()
     # The tie to the posture leaves some of it out, as it does under `raw` in every step.
     assert 0.5 < (got @ asked) / (asked @ asked) < 1
     assert torch.corrcoef(torch.stack([asked, got]))[0, 1] > 0.8
@@ -134,7 +135,7 @@ def test_a_late_draft_leads_to_old_places_wherever_the_hand_is_by_now():
     goals, here = [TIPS + 0.001 * (k + 1) for k in range(6)], []
     for k, goal in enumerate(goals):
         state = observation(LOADS, joints=JOINTS + 0.02 * k)
-        here.append(fingertips(JOINTS + 0.02 * k))
+        here.append(fingertips(LEAP, JOINTS + 0.02 * k))
         disturbed.step(state, (goal - here[k])[:, None].expand(-1, 8, -1, -1))
     for k, draft in enumerate(inner.drafts):
         expected = (goals[max(k - 2, 0)] - here[k])[:, None].expand(-1, 8, -1, -1)
@@ -164,7 +165,7 @@ def test_the_fingertips_of_planned_joints_stand_still_where_they_were_last(name,
         assert len(held) == len(fingers or (1,))
         for f in held:  # The posture tie leaves some of the way back out.
             kept, planned, told = (
-                fingertips(plan[0, :1])[0, f] for plan in (plans[first - 1], plans[k], drafts[k])
+                fingertips(LEAP, plan[0, :1])[0, f] for plan in (plans[first - 1], plans[k], drafts[k])
             )
             assert (told - kept).norm() < 0.2 * (planned - kept).norm()
             assert torch.equal(drafts[k][0, 0], drafts[k][0, 7])
@@ -199,7 +200,7 @@ def test_an_interface_under_removals_moves_the_hand_as_told():
         for _ in range(30):
             removal.step(observation(LOADS), torch.zeros(1, 8, 4, 3, dtype=torch.float64))
             assert removal.motion is not None
-            path.append(float(removal.motion[0, THUMB] @ -pads(JOINTS)[1][0, THUMB]))
+            path.append(float(removal.motion[0, THUMB] @ -pads(LEAP, JOINTS)[1][0, THUMB]))
         first = event_steps(REMOVAL, SEED, 30).index(True)
         lifted[name] = path[first - 1 : first + 2]
     assert lifted["raw"] == pytest.approx([0.0, 0.002, 0.004], abs=1e-6)
@@ -226,9 +227,9 @@ def test_a_person_below_a_policy_is_late_off_by_its_scale_and_loses_fingers():
 def test_late_joints_of_a_person_are_old_joints_but_for_its_offsets():
     plans = [JOINTS.view(1, 1, 16).repeat(1, 8, 1) + 0.004 * k for k in range(12)]
     seen = heard(CommandErrors.parse("steady"), plans, command_space="joint")
-    tips = [fingertips(plan[0, :1]) for plan in plans]
+    tips = [fingertips(LEAP, plan[0, :1]) for plan in plans]
     for k in range(3, 12):
-        got = fingertips(seen[k][0, :1])
+        got = fingertips(LEAP, seen[k][0, :1])
         assert (got - tips[k - 1]).norm() < 0.006
         assert not torch.equal(seen[k], plans[k - 1])
 

@@ -11,10 +11,11 @@ from lerobot_dexflex.commands.stream import seeds_of
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.method import make_interface
 
 START = np.full(16, 0.6)
-TIPS = fingertips(torch.as_tensor(START)[None])[0].numpy()
+TIPS = fingertips(LEAP, torch.as_tensor(START)[None])[0].numpy()
 OBSERVATION = {
     "agent_pos": np.full(23, 0.6, np.float32),
     "tactile": np.zeros(240, np.float32),
@@ -45,7 +46,10 @@ def told(errors, steps=3, seed=(7, 1), interface="raw"):
     joints = np.full(23, 0.6)
     moves = [Command(joints, joints, np.tile(TIPS + 0.001 * (k + 1), (8, 1, 1))) for k in range(steps)]
     return np.stack(
-        [kernels.fingertips(hand.move(OBSERVATION, command).joint_targets[7:]) for command in moves]
+        [
+            kernels.fingertips(LEAP.tables, hand.move(OBSERVATION, command).joint_targets[7:])
+            for command in moves
+        ]
     )
 
 
@@ -71,7 +75,7 @@ def test_what_is_recorded_is_what_moved_the_hand():
     touched = OBSERVATION | {"tactile": np.full(240, 0.02, np.float32)}
     joints = np.full(23, 0.6)
     got = hand.move(touched, Command(joints, joints, np.tile(TIPS, (8, 1, 1))))
-    assert np.abs(kernels.fingertips(got.joint_targets[7:]) - TIPS).max() > 0.003  # It presses.
+    assert np.abs(kernels.fingertips(LEAP.tables, got.joint_targets[7:]) - TIPS).max() > 0.003  # It presses.
 
 
 def test_the_arm_and_its_unsteadiness_pass():
@@ -100,7 +104,7 @@ def pressed(errors, source, slips, seed=3):
     return np.array(listener.drafts)
 
 
-SQUEEZE = kernels.fingertips(START + 0.05) - TIPS
+SQUEEZE = kernels.fingertips(LEAP.tables, START + 0.05) - TIPS
 
 
 def test_a_motion_source_leaves_the_squeeze_out_and_a_pressing_one_puts_it_in():
@@ -128,7 +132,7 @@ def test_joints_pass_bit_for_bit_without_errors_and_are_spoilt_with_them():
     assert GlovedHand(make_interface("joint"), NO_ERRORS, 3).move(OBSERVATION, command) is command
     got = GlovedHand(make_interface("joint"), CommandErrors.parse("typical"), 3).move(OBSERVATION, command)
     np.testing.assert_array_equal(got.joint_targets[:7], joints[:7])
-    assert 1e-4 < np.abs(kernels.fingertips(got.joint_targets[7:]) - TIPS).max() < 0.01
+    assert 1e-4 < np.abs(kernels.fingertips(LEAP.tables, got.joint_targets[7:]) - TIPS).max() < 0.01
 
 
 def test_another_seed_is_another_person():

@@ -8,7 +8,8 @@ from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.reach.operator import Guidance, Operator
-from lerobot_dexflex.hand import kernels, leap
+from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hands import LEAP
 
 HALF, SINGLE = 1e-5, 1e-7
 """What float16 displacements [m] and float32 positions [m] lose."""
@@ -55,10 +56,10 @@ def test_the_operators_own_joints_are_executed_or_the_draft_with_its_grip(record
         if not recorded.spoilt[k]:
             np.testing.assert_array_equal(executed, guidance.joints.astype(np.float32))
             continue
-        torques = kernels.contact_torques(now.joints, guidance.points, guidance.grip)
-        assert np.abs(torques).max() < leap.GRIP_TORQUE  # The grip's bound is not reached here.
-        posture = kernels.solve_fingertips(now.tips + draft[0], now.joints)
-        led = np.clip(posture + torques / leap.KP, kernels.LOWER.ravel(), kernels.UPPER.ravel())
+        torques = kernels.contact_torques(LEAP.tables, now.joints, guidance.points, guidance.grip)
+        assert np.abs(torques).max() < LEAP.motors[0].grip_torque  # The grip's bound is not reached here.
+        posture = kernels.solve_fingertips(LEAP.tables, now.tips + draft[0], now.joints)
+        led = np.clip(posture + torques / LEAP.motors[0].position_gain, LEAP.joint_lower, LEAP.joint_upper)
         np.testing.assert_allclose(executed, led, atol=1e-6)
 
 
@@ -108,7 +109,7 @@ def test_a_held_object_is_not_lost_and_a_released_one_is(episode):
     nothing = np.zeros((4, 3))
     for _ in range(12):
         tips = np.tile(run.now.tips - 0.003 * run.now.inward, (8, 1, 1))
-        joints = kernels.solve_fingertips(tips[0], run.now.joints)
+        joints = kernels.solve_fingertips(LEAP.tables, tips[0], run.now.joints)
         opened = Guidance(tips, nothing, nothing, run.now.tips, joints)
         run.step(opened, tips - run.now.tips, spoilt=False)
     lost = run.finish().tensors["lost"]

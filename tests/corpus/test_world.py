@@ -8,8 +8,8 @@ from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.world import Support, World, vary_object
 from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
 from lerobot_dexflex.experts.reach.sensing import Senses
-from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.objects import ObjectSpec
+from lerobot_dexflex.hands import LEAP
 
 
 def test_a_world_and_an_episode_survive_json(episode):
@@ -45,9 +45,10 @@ def test_random_worlds_stay_within_their_ranges():
 def test_servos_and_damping_of_the_model_are_those_of_the_world(episode, world):
     env = CorpusEnv()
     env.start(episode, world)
-    np.testing.assert_allclose(env.model.actuator_gainprm[:, 0], leap.KP * np.array(world.gains))
-    np.testing.assert_allclose(env.model.actuator_biasprm[:, 1], -leap.KP * np.array(world.gains))
-    np.testing.assert_allclose(env.model.dof_damping[:16], 1.2 * leap.DAMPING)
+    gains = LEAP.position_gains * np.array(world.gains)
+    np.testing.assert_allclose(env.model.actuator_gainprm[:, 0], gains)
+    np.testing.assert_allclose(env.model.actuator_biasprm[:, 1], -gains)
+    np.testing.assert_allclose(env.model.dof_damping[:16], 1.2 * LEAP.motors[0].damping)
 
 
 def test_wrenches_sway_and_slips_come_and_go(episode, world):

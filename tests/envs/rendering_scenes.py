@@ -6,6 +6,7 @@ import numpy as np
 from lerobot_dexflex.envs.rendering import tune_visuals
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.touch import add_touch
+from lerobot_dexflex.hands import LEAP
 
 SHAPES = (
     (mujoco.mjtGeom.mjGEOM_BOX, (0.03, 0.02, 0.05)),
@@ -19,9 +20,9 @@ SHAPES = (
 def hand_scene(scale=1.0, touch=True, camera_height=0.5):
     """The arm and hand over a floor with five coloured shapes, seen by the camera `front`."""
     spec = robot.base_spec()
-    robot.add_hand(spec, robot.add_arm(spec))
+    robot.add_hand(spec, robot.add_arm(spec), LEAP)
     if touch:
-        add_touch(spec)
+        add_touch(spec, LEAP)
     tune_visuals(spec)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(2, 2, 0.1), rgba=(0.3, 0.3, 0.4, 1))
     for k, (kind, size) in enumerate(SHAPES):

@@ -28,7 +28,7 @@ def env():
 @pytest.fixture
 def held(monkeypatch):
     """Every brush counts as held."""
-    monkeypatch.setattr(brush_sweep, "pinched", lambda names: True)
+    monkeypatch.setattr(brush_sweep, "pinched", lambda *_: True)
 
 
 def put_in_pan(env: BrushSweepEnv, n: int) -> None:
@@ -139,7 +139,7 @@ def test_one_piece_too_few_or_no_brush_in_the_hand_is_no_success(env, monkeypatc
     info = wait(env, 20)
     assert info["pieces_in_pan"] == n
     assert not info["is_success"]
-    monkeypatch.setattr(brush_sweep, "pinched", lambda names: True)
+    monkeypatch.setattr(brush_sweep, "pinched", lambda *_: True)
     env.reset(seed=SEED)
     put_in_pan(env, int(np.ceil(SHARE * n)) - 1)
     assert not wait(env, 20)["is_success"]
@@ -158,7 +158,7 @@ def test_progress_stays_when_pieces_leave_the_pan(env):
 
 def test_a_brush_on_the_table_is_dropped_unless_it_is_held(env, monkeypatch):
     for pinch in (False, True):
-        monkeypatch.setattr(brush_sweep, "pinched", lambda names, pinch=pinch: pinch)
+        monkeypatch.setattr(brush_sweep, "pinched", lambda *_, pinch=pinch: pinch)
         env.reset(seed=SEED)
         env.data.joint("brush").qpos[:] = (0.3, -0.4, 0.06, 0.5, 0.5, -0.5, 0.5)
         assert wait(env, 30)["dropped"] == (not pinch)

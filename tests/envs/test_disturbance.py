@@ -9,7 +9,7 @@ from lerobot_dexflex.envs.disturbance import DISTURBANCES, PUSH_INTERVAL, PUSH_S
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS
+from lerobot_dexflex.hands import LEAP
 
 
 def make(task: str, disturbance: str) -> HandEnv:
@@ -77,11 +77,11 @@ def test_a_miscalibrated_hand_is_not_where_its_encoders_say_and_a_snapshot_repea
     # Its encoders and its fingertips are those of the calm hand; the fingertips really are millimetres away.
     for key in ("agent_pos", "fingertips"):
         np.testing.assert_allclose(seen[key], calm.observe()[key], atol=1e-6)
-    tips = [calm.model.site(f"{finger}_tip").id for finger in FINGERS]
+    tips = [calm.model.site(f"{finger}_tip").id for finger in LEAP.prefixes]
     distance = np.linalg.norm(true[tips] - calm.data.site_xpos[tips], axis=1)
     assert ((distance > 0.0005) & (distance < 0.012)).all()
     # A hand whose encoders are right reaches the same pose at angles that are smaller by the errors.
-    address = [calm.model.joint(joint).qposadr[0] for joint in HAND_JOINTS]
+    address = [calm.model.joint(joint).qposadr[0] for joint in LEAP.joint_names]
     calm.data.qpos[address] -= errors
     mujoco.mj_forward(calm.model, calm.data)
     np.testing.assert_allclose(calm.data.site_xpos[tips], true[tips], atol=1e-9)

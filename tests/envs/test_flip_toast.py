@@ -25,7 +25,7 @@ def env():
 @pytest.fixture
 def held(monkeypatch):
     """Every spatula counts as held."""
-    monkeypatch.setattr(flip_toast, "pinched", lambda names: True)
+    monkeypatch.setattr(flip_toast, "pinched", lambda *_: True)
 
 
 def put_slice(env: FlipToastEnv, turned: float, x: float = -0.1, y: float = 0.0, above: float = 0.0) -> None:
@@ -152,7 +152,7 @@ def test_a_slice_over_the_rim_or_beside_the_griddle_is_dropped(env, held):
 def test_a_spatula_on_the_table_is_dropped_unless_it_is_held(env, monkeypatch):
     lying = rotation_matrix(np.array([0.0, np.pi / 2, 0.0])) @ rotation_matrix(np.array([0, 0, np.pi / 2]))
     for pinch in (False, True):
-        monkeypatch.setattr(flip_toast, "pinched", lambda names, pinch=pinch: pinch)
+        monkeypatch.setattr(flip_toast, "pinched", lambda *_, pinch=pinch: pinch)
         env.reset(seed=SEED)
         place(env, "spatula", (0.3, -0.4, 0.05), lying)
         assert wait(env, 30)["dropped"] == (not pinch)

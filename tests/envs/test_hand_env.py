@@ -9,8 +9,8 @@ from gymnasium.utils.env_checker import check_env
 from lerobot_dexflex.envs.place_hammer import PlaceHammerEnv
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.model import HAND_RELAXED
 from lerobot_dexflex.hand.touch import TouchConfig
+from lerobot_dexflex.hands import LEAP
 
 SEED = 7
 MAX_STEPS = {
@@ -105,9 +105,9 @@ def test_episodes_cover_the_documented_ranges(task):
 def test_tasks_with_a_tool_start_with_a_relaxed_hand_that_touches_nothing(task):
     env = make_env(task, cameras=())
     observation, info = env.reset(seed=SEED)
-    assert np.array_equal(env.command[7:], HAND_RELAXED)
+    assert np.array_equal(env.command[7:], LEAP.relaxed_joints)
     # PourCup settles its balls first; fingers sag by less than 3 degrees meanwhile.
-    assert np.allclose(observation["agent_pos"][7:], HAND_RELAXED, atol=0.05)
+    assert np.allclose(observation["agent_pos"][7:], LEAP.relaxed_joints, atol=0.05)
     assert not env.pad_forces.any()
     assert not info["holding"]
 

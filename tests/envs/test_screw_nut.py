@@ -20,7 +20,7 @@ def env():
 def held(monkeypatch):
     """Whether the hand is to count as holding the nut, from the next judgement on."""
     held = {"nut": False}
-    monkeypatch.setattr(screw_nut, "pinched", lambda names: held["nut"])
+    monkeypatch.setattr(screw_nut, "pinched", lambda *_: held["nut"])
     return held
 
 

@@ -153,7 +153,7 @@ def test_a_tight_screw_is_a_success_after_half_a_second_and_only_with_the_driver
     assert env.tight
     assert not info["is_success"]
     assert info["progress"] == pytest.approx(5 / 6)
-    monkeypatch.setattr(screwdriver, "pinched", lambda names: True)
+    monkeypatch.setattr(screwdriver, "pinched", lambda *_: True)
     start = env.data.time
     info = twist(env, 0.0, 0.0, 30)
     assert info["is_success"]
@@ -162,7 +162,7 @@ def test_a_tight_screw_is_a_success_after_half_a_second_and_only_with_the_driver
 
 
 def test_a_loose_screw_is_no_success_with_the_driver_in_the_hand(env, monkeypatch):
-    monkeypatch.setattr(screwdriver, "pinched", lambda names: True)
+    monkeypatch.setattr(screwdriver, "pinched", lambda *_: True)
     stand_in_screw(env)
     twist(env, 1.5 * SCREW_FRICTION, 3.0, 4)
     info = twist(env, 0.0, 0.0, 15)

@@ -36,7 +36,7 @@ def env():
 @pytest.fixture
 def held(monkeypatch):
     """Every spatula counts as held."""
-    monkeypatch.setattr(spatula_serve, "pinched", lambda names: True)
+    monkeypatch.setattr(spatula_serve, "pinched", lambda *_: True)
 
 
 def lead(env: SpatulaServeEnv, pose_at: Callable[[float], Pose], seconds: float) -> None:
@@ -194,7 +194,7 @@ def test_a_patty_off_griddle_and_plate_is_dropped(env):
 def test_a_spatula_on_the_table_is_dropped_unless_it_is_held(env, monkeypatch):
     lying = rotation_matrix(np.array([0.0, np.pi / 2, 0.0])) @ rotation_matrix(np.array([0, 0, np.pi / 2]))
     for pinch in (False, True):
-        monkeypatch.setattr(spatula_serve, "pinched", lambda names, pinch=pinch: pinch)
+        monkeypatch.setattr(spatula_serve, "pinched", lambda *_, pinch=pinch: pinch)
         env.reset(seed=SEED)
         place(env, "spatula", (0.3, -0.4, 0.05), lying)
         assert wait(env, 30)["dropped"] == (not pinch)

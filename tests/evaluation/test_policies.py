@@ -12,6 +12,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.policies import LeRobotPolicies
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.method import make_interface
 
 
@@ -27,7 +28,7 @@ def observation(rows):
         name: rng.integers(0, 255, (1, 96, 96, 3), np.uint8).repeat(rows, 0) for name in ("front", "wrist")
     }
     vectors = {"agent_pos": np.full((rows, 23), 0.3), "tactile": np.full((rows, 240), 0.01)}
-    tips = fingertips(torch.full((rows, 16), 0.3)).flatten(1).numpy()
+    tips = fingertips(LEAP, torch.full((rows, 16), 0.3)).flatten(1).numpy()
     more = {"fingertips": tips, "gravity": np.tile([0.0, 0, -1], (rows, 1))}
     return {"pixels": images} | {key: value.astype(np.float32) for key, value in (vectors | more).items()}
 

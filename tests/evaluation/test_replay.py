@@ -12,7 +12,8 @@ from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.replay import ReplayController, Replays, load_demonstrations
 from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.hand.model import JOINTS
+from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording.schema import columns
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +26,7 @@ MEASURED = np.repeat(np.arange(3, dtype=np.float32)[:, None] / 8, 12, 1)
 def actions():
     """Three steps in which every joint moves by 0.02 rad, with the fingertips of those joints."""
     joints = 0.3 + 0.02 * np.arange(1, 4)[:, None].repeat(23, 1)
-    tips = fingertips(torch.as_tensor(joints[:, 7:])).reshape(3, 12).numpy()
+    tips = fingertips(LEAP, torch.as_tensor(joints[:, 7:])).reshape(3, 12).numpy()
     return np.concatenate([joints, tips], axis=1).astype(np.float32)
 
 
@@ -41,7 +42,7 @@ def dataset(tmp_path, actions):
     info = {
         "fps": 20,
         "robot_type": "leap_xarm7",
-        "features": {"action": {"names": columns(JOINTS)["action"].names}},
+        "features": {"action": {"names": columns(robot_joints(LEAP))["action"].names}},
     }
     (tmp_path / "meta/recording.json").write_text(json.dumps(record))
     (tmp_path / "meta/info.json").write_text(json.dumps(info))
@@ -72,7 +73,7 @@ def test_raw_asks_for_the_recorded_fingertips_from_wherever_the_hand_is_measured
     for k, state in enumerate((STATE, STATE + 0.1, STATE - 0.05)):
         played = controller.act({"agent_pos": state}, "task")
         np.testing.assert_allclose(played[:, :7], actions[[k], :7], atol=1e-6)
-        here = fingertips(torch.as_tensor(state[:, 7:], dtype=torch.float64))
+        here = fingertips(LEAP, torch.as_tensor(state[:, 7:], dtype=torch.float64))
         motion = controller._interface.motion
         assert motion is not None
         np.testing.assert_allclose((here + motion).reshape(-1), actions[k, 23:], atol=1e-7)
@@ -87,7 +88,7 @@ def test_raw_reproduces_the_fingertips_that_were_recorded():
     controller.reset([0])
     played = np.concatenate([controller.act({"agent_pos": state[None]}, "task") for state in states])
     np.testing.assert_allclose(played[:, :7], recorded[:, :7], atol=1e-6)
-    tips = fingertips(torch.from_numpy(played[:, 7:]).double()).numpy()
+    tips = fingertips(LEAP, torch.from_numpy(played[:, 7:]).double()).numpy()
     off = np.linalg.norm(tips - recorded[:, 23:].reshape(-1, 4, 3), axis=-1)
     assert np.median(off) < 3e-4  # The posture tie leaves some out.
     assert off.max() < 2.5e-3
@@ -105,7 +106,7 @@ def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):
     assert drafts[0].shape == (1, 8, 4, 3)
     for first, second in itertools.pairwise(drafts):  # What was planned is what comes.
         torch.testing.assert_close(first[:, 1:], second[:, :-1], atol=1e-12, rtol=0)
-    here = fingertips(torch.as_tensor(STATE[:, 7:], dtype=torch.float64))
+    here = fingertips(LEAP, torch.as_tensor(STATE[:, 7:], dtype=torch.float64))
     errors = (here + drafts[4])[0, 1:].flatten(1) - torch.from_numpy(actions[2, 23:])
     assert 0.003 < errors.abs().max() < 0.004 + 1e-6  # Of steps that all lead to the last fingertips.
     assert torch.diff(errors, dim=0).abs().amax(1).min() > 1e-4
@@ -114,7 +115,7 @@ def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):
 def test_a_controller_replays_with_touch(actions):
     controller = ReplayController(actions, "dexflex")
     controller.reset([0])
-    tips = fingertips(torch.as_tensor(STATE[:, 7:], dtype=torch.float64))
+    tips = fingertips(LEAP, torch.as_tensor(STATE[:, 7:], dtype=torch.float64))
     seen = {
         "agent_pos": STATE,
         "tactile": np.zeros((1, 240), np.float32),

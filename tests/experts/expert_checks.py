@@ -11,6 +11,7 @@ from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.experts import Command, make_expert
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.kinematics import pads
+from lerobot_dexflex.hands import LEAP
 
 SEED = 11
 SEEDS = {"AssembleTable-v0": 19}
@@ -88,7 +89,7 @@ def angle_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def pads_of(hand_joints) -> tuple[np.ndarray, np.ndarray]:
     """Return centres [m] and outward normals of the pads in the palm frame, each (4, 3)."""
-    centres, normals = pads(torch.tensor(np.array([hand_joints]), dtype=torch.float64))
+    centres, normals = pads(LEAP, torch.tensor(np.array([hand_joints]), dtype=torch.float64))
     return centres[0].numpy(), normals[0].numpy()
 
 
@@ -104,7 +105,7 @@ def check_drafts_press(
         held: Whether the tool is held. Shape (steps,).
     """
     drafts = np.array([command.draft[0] for command in commands])
-    targets = np.array([kernels.fingertips(command.joint_targets[7:]) for command in commands])
+    targets = np.array([kernels.fingertips(LEAP.tables, command.joint_targets[7:]) for command in commands])
     assert np.median(np.linalg.norm(drafts - tips, axis=-1)) < 0.002
     deeper = np.linalg.norm(targets - drafts, axis=-1)[held]
     holding = np.median(loads[held], axis=0) > 0.5

@@ -9,6 +9,7 @@ from lerobot_dexflex.experts.assemble_table import HABITS
 from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.hand import OperatorHand
 from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hands import LEAP
 
 TOWARD, AWAY = 20, 6
 """Seeds of legs that lean toward the robot, and away from it."""
@@ -64,7 +65,7 @@ def test_the_three_pads_touch_an_upright_leg_and_stay_clear_while_open(habit):
     used = list(habit.fingers)
     offsets, ahead = {}, {}
     for name in ("touch", "open"):
-        centres, outward = kernels.pads(getattr(grip, name))
+        centres, outward = kernels.pads(LEAP.tables, getattr(grip, name))
         offsets[name] = (centres - leg.centre)[used]
         # How far the leg's axis is in front of the pads' planes.
         ahead[name] = -(offsets[name] * outward[used]).sum(1)

@@ -11,6 +11,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.experts import Command, make_expert
 from lerobot_dexflex.experts.tool.bar import HELD
 from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hands import LEAP
 
 SEEDS = (0, 1, 2, 3)
 
@@ -51,7 +52,7 @@ def sweep(seed: int) -> Sweep:
         *_, done, _, info = env.step(command.executed)
         commands.append(command)
         rotation = env.data.body("palm").xmat.reshape(3, 3)
-        tips = kernels.fingertips(env.data.qpos[7:23])
+        tips = kernels.fingertips(LEAP.tables, env.data.qpos[7:23])
         rows.append((info, tips, env.pad_forces, drag_of(env), rotation.T @ env.brush_pose[1][:, 2]))
         if done or len(rows) == TASKS["BrushSweep-v0"].max_episode_steps:
             break

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lerobot_dexflex.experts.command import Unsteadiness, fingertips_of, min_jerk
-from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS
 from lerobot_dexflex.hand.kernels import fingertips
+from lerobot_dexflex.hands import LEAP
 
 
 def test_unsteadiness_has_the_documented_size_and_correlation():
@@ -21,5 +21,5 @@ def test_min_jerk_starts_and_ends_at_rest_and_is_symmetric():
 
 
 def test_fingertips_of_joints_agree_with_the_kernel():
-    joints = np.array(NOMINAL_JOINTS)
-    assert np.allclose(fingertips_of(joints), fingertips(joints), atol=1e-9)
+    joints = np.array(LEAP.nominal_joints)
+    assert np.allclose(fingertips_of(joints), fingertips(LEAP.tables, joints), atol=1e-9)

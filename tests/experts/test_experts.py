@@ -8,6 +8,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hands import LEAP
 
 EXPERTS = ("AssembleTable-v0", "PlaceHammer-v0", "PourCup-v0", "Screwdriver-v0")
 
@@ -18,7 +19,7 @@ def task(request):
 
 
 def commanded_tips(commands) -> np.ndarray:
-    return np.array([kernels.fingertips(command.joint_targets[7:]) for command in commands])
+    return np.array([kernels.fingertips(LEAP.tables, command.joint_targets[7:]) for command in commands])
 
 
 def test_the_expert_solves_its_task_well_within_the_time_limit(task):
@@ -72,7 +73,7 @@ def test_commanded_fingertips_of_holding_fingers_press_deeper_than_the_draft(tas
 
 
 def test_no_finger_exceeds_what_the_thumb_can_do_for_long(task):
-    """The thumb presses with 6 N at its motors' limit (`leap.TORQUE`); a pinch lets none do much more."""
+    """The thumb presses with 6 N at its motors' limit (`hands.leap`); a pinch lets none do much more."""
     shown = demonstrate(task)
     held = shown.forces[shown.during(2, 4)]
     assert np.percentile(held, 95, axis=0).max() < 7.0

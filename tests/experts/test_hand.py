@@ -13,10 +13,10 @@ from lerobot_dexflex.experts.tool.grip import Grip
 from lerobot_dexflex.experts.tool.hand import LOST_STEPS, OperatorHand
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand import kernels
-from lerobot_dexflex.hand.model import HAND_RELAXED
 from lerobot_dexflex.hand.objects import ObjectSpec
+from lerobot_dexflex.hands import LEAP
 
-RELAXED = np.array(HAND_RELAXED)
+RELAXED = np.array(LEAP.relaxed_joints)
 CLOSED = HAND_TOUCH
 
 
@@ -58,7 +58,7 @@ def test_the_draft_of_free_fingers_is_their_path():
     hand = free_hand()
     hand.go(CLOSED, 10)
     steps = [hand.step() for _ in range(20)]
-    tips = np.array([kernels.fingertips(joints) for joints, _ in steps])
+    tips = np.array([kernels.fingertips(LEAP.tables, joints) for joints, _ in steps])
     for k in range(12):
         draft = steps[k][1]
         assert draft.shape == (DRAFT_HORIZON, 4, 3)
@@ -141,5 +141,5 @@ def test_fingers_that_let_go_begin_where_they_are(lifted):
     joints, draft = hand.step()
     measured = hand.senses.read().joints
     assert np.array_equal(joints, measured)
-    assert np.allclose(draft, kernels.fingertips(measured))
+    assert np.allclose(draft, kernels.fingertips(LEAP.tables, measured))
     assert not hand.gripped

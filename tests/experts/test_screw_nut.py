@@ -10,6 +10,7 @@ from lerobot_dexflex.experts.screw_nut import BAR_RADIUS, STROKES
 from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.screwing import HABITS, UP
 from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hands import LEAP
 
 TASK, SEED = "ScrewNut-v0", 53_003
 
@@ -47,6 +48,6 @@ def test_the_thumb_has_room_beside_nuts_of_every_width(habit, radius):
     centre = habit.centre + np.array([radius - BAR_RADIUS, 0.0, 0.0])
     grip = habit.grip(Handle(centre, UP, radius), 0.0, STROKES.room)
     for joints, room, error in ((grip.touch, 0.0, 1e-3), (grip.open, STROKES.room, 5e-3)):
-        centres, _ = kernels.pads(joints)
+        centres, _ = kernels.pads(LEAP.tables, joints)
         gap = -((centres - centre) * grip.inward).sum(1) - radius
         assert np.allclose(gap[list(habit.fingers)], room, atol=error)

@@ -9,6 +9,7 @@ from lerobot_dexflex.experts.screwdriver import AXIS, GRASP_CENTRE, PADS_TURN, S
 from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.hand import OperatorHand
 from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hands import LEAP
 
 TASK, SEED = "Screwdriver-v0", 53_003
 
@@ -55,7 +56,7 @@ def test_pads_lie_on_the_handle_wherever_a_stroke_begins(radius):
     used = list(TURNING)
     for back in (0.0, STROKES.angle / 4, STROKES.angle / 2):
         grip = _grip(handle, back)
-        centres, outward = kernels.pads(grip.touch)
+        centres, outward = kernels.pads(LEAP.tables, grip.touch)
         ahead = -((centres - GRASP_CENTRE) * outward).sum(1)[used]
         assert np.allclose(ahead, radius, atol=5e-3), back
         # Middles of the pads move along the handle's skin, fingers one way and the thumb the other.

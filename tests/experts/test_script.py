@@ -10,6 +10,7 @@ from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix
 from lerobot_dexflex.hand.objects import ObjectSpec
+from lerobot_dexflex.hands import LEAP
 
 
 @pytest.fixture
@@ -39,7 +40,7 @@ def test_a_glide_leads_the_grasp_point_straight_to_its_goal(env, script):
     start, goal = script.position, script.position + np.array([0.03, -0.02, 0.05])
     turned = script.rotation @ rotation_matrix(np.array([0.0, 0.0, 0.2]))
     commands = list(script.glide(goal, turned, 15))
-    kinematics = ArmKinematics(GRASP_CENTRE, env.command[:7])
+    kinematics = ArmKinematics(LEAP, GRASP_CENTRE, env.command[:7])
     points = np.array([kinematics.forward(command.joint_targets[:7])[0] for command in commands])
     way = (goal - start) / np.linalg.norm(goal - start)
     assert np.linalg.norm(np.cross(points - start, way), axis=1).max() < 1e-3
@@ -52,7 +53,7 @@ def test_a_swing_ends_at_its_pose(env, script):
     goal = script.position + np.array([0.0, 0.05, 0.1])
     commands = list(script.swing(goal, PALM_DOWN, 20, tuple(env.command[:7])))
     assert len(commands) == 20
-    kinematics = ArmKinematics(GRASP_CENTRE, env.command[:7])
+    kinematics = ArmKinematics(LEAP, GRASP_CENTRE, env.command[:7])
     distance, angle = kinematics.error(commands[-1].joint_targets[:7], goal, PALM_DOWN)
     assert distance < 1e-3
     assert angle < 5e-3

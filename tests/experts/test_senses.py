@@ -8,9 +8,9 @@ from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.contacts import fingertip_contacts
 from lerobot_dexflex.hand.kernels import fingertips
-from lerobot_dexflex.hand.model import HAND_JOINTS
 from lerobot_dexflex.hand.objects import ObjectSpec
 from lerobot_dexflex.hand.poses import quaternion_matrix
+from lerobot_dexflex.hands import LEAP
 
 CENTRE = np.array([0.087, 0.0, 0.083])
 SHAPE = ObjectSpec("box", (0.008, 0.010, 0.067), 0.08)
@@ -33,7 +33,7 @@ def senses(env):
 
 
 def test_loads_points_and_normals_are_the_contacts_in_the_palm_frame(env, senses):
-    now, direct = senses.read(), fingertip_contacts(env.model, env.data, "pitcher")
+    now, direct = senses.read(), fingertip_contacts(LEAP, env.model, env.data, "pitcher")
     palm = env.data.body("palm")
     rotation = palm.xmat.reshape(3, 3)
     assert np.allclose(now.loads, direct.loads, atol=1e-9)
@@ -66,8 +66,8 @@ def test_the_pose_is_that_of_the_gripped_part_in_the_palm(env, senses):
 
 def test_joints_tips_gravity_and_mass_are_the_simulators(env, senses):
     now = senses.read()
-    assert np.array_equal(now.joints, [env.data.joint(name).qpos[0] for name in HAND_JOINTS])
-    assert np.allclose(now.tips, fingertips(now.joints), atol=1e-6)
+    assert np.array_equal(now.joints, [env.data.joint(name).qpos[0] for name in LEAP.joint_names])
+    assert np.allclose(now.tips, fingertips(LEAP.tables, now.joints), atol=1e-6)
     world = env.data.body("palm").xmat.reshape(3, 3) @ senses.gravity
     assert np.allclose(world, (0, 0, -9.81), atol=1e-9)
     assert senses.mass == pytest.approx(env.episode.mass)

@@ -11,6 +11,7 @@ from lerobot_dexflex.experts import Command, make_expert
 from lerobot_dexflex.experts.spatula_serve import TIPPED
 from lerobot_dexflex.experts.tool.bar import HELD
 from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hands import LEAP
 
 SEEDS = (0, 1, 2, 3)
 _UNDER, _LIFTED, _SERVED = 3 / 6, 4 / 6, 1.0
@@ -46,7 +47,7 @@ def serve(seed: int) -> Serving:
         *_, done, _, info = env.step(command.executed)
         commands.append(command)
         handle = env.data.body("palm").xmat.reshape(3, 3).T @ env.spatula_pose[1][:, 2]
-        tips = kernels.fingertips(env.data.qpos[7:23])
+        tips = kernels.fingertips(LEAP.tables, env.data.qpos[7:23])
         rows.append((info, tips, env.pad_forces, handle, env.food_on_spatula()))
         if done or len(rows) == TASKS["SpatulaServe-v0"].max_episode_steps:
             break

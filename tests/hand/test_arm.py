@@ -5,13 +5,14 @@ import pytest
 
 from lerobot_dexflex.hand import xarm7
 from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix, rotation_vector
+from lerobot_dexflex.hands import LEAP
 
 POINT = np.array([-0.04, -0.035, -0.14])
 
 
 @pytest.fixture
 def kinematics():
-    return ArmKinematics(POINT, np.array(xarm7.HOME))
+    return ArmKinematics(LEAP, POINT, np.array(xarm7.HOME))
 
 
 def test_rotation_vector_and_matrix_are_inverse():

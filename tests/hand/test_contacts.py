@@ -4,25 +4,21 @@ import numpy as np
 import pytest
 import torch
 
-from lerobot_dexflex.hand.contacts import (
-    NOMINAL_JOINTS,
-    balance_forces,
-    pinched,
-    solve_pads,
-)
+from lerobot_dexflex.hand.contacts import balance_forces, pinched, solve_pads
 from lerobot_dexflex.hand.kinematics import pads
+from lerobot_dexflex.hands import LEAP
 
-NOMINAL = torch.tensor([NOMINAL_JOINTS], dtype=torch.float64)
+NOMINAL = torch.tensor([LEAP.nominal_joints], dtype=torch.float64)
 
 
 def test_pads_are_laid_on_points_that_a_near_posture_reaches():
     generator = torch.Generator().manual_seed(0)
     joints = NOMINAL + 0.15 * torch.randn(32, 16, dtype=torch.float64, generator=generator)
-    centres, outward = pads(joints)
-    solution = solve_pads(centres, -outward, NOMINAL.expand(32, -1))
+    centres, outward = pads(LEAP, joints)
+    solution = solve_pads(LEAP, centres, -outward, NOMINAL.expand(32, -1))
     assert solution.distance.max() < 2e-3
     assert solution.alignment.min() > 0.98
-    reached, _ = pads(solution.joints)
+    reached, _ = pads(LEAP, solution.joints)
     assert torch.allclose((reached - centres).norm(dim=-1), solution.distance)
 
 
@@ -49,6 +45,6 @@ def test_pads_on_one_side_cannot_squeeze():
 
 
 def test_a_pinch_needs_the_thumb_and_a_finger():
-    assert pinched({"th_ds", "rf_ds", "table"})
-    assert not pinched({"if_ds", "mf_ds", "rf_ds"})
-    assert not pinched({"th_ds", "if_px", "palm_lower"})
+    assert pinched(LEAP, {"th_ds", "rf_ds", "table"})
+    assert not pinched(LEAP, {"if_ds", "mf_ds", "rf_ds"})
+    assert not pinched(LEAP, {"th_ds", "if_px", "palm_lower"})

@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from lerobot_dexflex.hand import leap, xarm7
+from lerobot_dexflex.hand import xarm7
 from lerobot_dexflex.hand.arm import robot_model
-from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS, JOINTS, SUBSTEPS, TIMESTEP
+from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP, robot_joints
+from lerobot_dexflex.hands import LEAP
 
 # Joints, palm position, palm quaternion (up to sign) and four fingertips, computed with MuJoCo Menagerie's
 # meshed models: link_base at the origin, palm at the flange + (0.065, -0.04, 0), quaternion (0 1 0 0).
@@ -47,31 +48,31 @@ VENDOR = {
 @pytest.mark.parametrize("name", VENDOR)
 def test_forward_kinematics_agrees_with_the_vendor_model_within_a_tenth_of_a_millimetre(name):
     joints, palm, quaternion, fingers, thumb = VENDOR[name]
-    model = robot_model()
+    model = robot_model(LEAP)
     data = mujoco.MjData(model)
     data.qpos[:] = joints
     mujoco.mj_kinematics(model, data)
     assert np.abs(data.body("palm").xpos - palm).max() < 1e-4
     assert abs(data.body("palm").xquat @ np.array(quaternion)) == pytest.approx(1, abs=1e-5)
-    for finger, tip in zip(FINGERS, (*fingers, thumb), strict=True):
+    for finger, tip in zip(LEAP.prefixes, (*fingers, thumb), strict=True):
         assert np.abs(data.site(f"{finger}_tip").xpos - tip).max() < 1e-4, finger
 
 
 def test_joints_and_actuators_come_in_the_documented_order():
-    model = robot_model()
-    assert [model.joint(k).name for k in range(model.njnt)] == list(JOINTS)
-    assert [model.actuator(k).name for k in range(model.nu)] == list(JOINTS)
-    assert HAND_JOINTS[:4] == ("if_mcp", "if_rot", "if_pip", "if_dip")
-    assert HAND_JOINTS[12:] == ("th_cmc", "th_axl", "th_mcp", "th_ipl")
+    model = robot_model(LEAP)
+    assert [model.joint(k).name for k in range(model.njnt)] == list(robot_joints(LEAP))
+    assert [model.actuator(k).name for k in range(model.nu)] == list(robot_joints(LEAP))
+    assert LEAP.joint_names[:4] == ("if_mcp", "if_rot", "if_pip", "if_dip")
+    assert LEAP.joint_names[12:] == ("th_cmc", "th_axl", "th_mcp", "th_ipl")
 
 
 def test_masses_limits_and_gains_are_those_of_the_tables():
-    model = robot_model()
-    hand = leap.PALM_INERTIA.mass + sum(link.inertia.mass for link in leap.LINKS)
+    model = robot_model(LEAP)
+    hand = LEAP.palm_inertia.mass + sum(link.inertia.mass for link in LEAP.links)
     assert hand == pytest.approx(0.746)
     arm = xarm7.BASE_INERTIA.mass + sum(link.inertia.mass for link in xarm7.LINKS)
     assert model.body_mass.sum() == pytest.approx(hand + arm)
-    for link in (*xarm7.LINKS, *leap.LINKS):
+    for link in (*xarm7.LINKS, *LEAP.links):
         assert tuple(model.joint(link.joint).range) == link.joint_range
         assert tuple(model.body(link.name).inertia) == link.inertia.diagonal
     gains = {name: model.actuator(name) for name in ("joint1", "joint7", "th_ipl")}
@@ -81,14 +82,14 @@ def test_masses_limits_and_gains_are_those_of_the_tables():
 
 
 def test_the_model_has_no_meshes_and_the_control_rate_is_20_hz():
-    model = robot_model()
+    model = robot_model(LEAP)
     assert model.nmesh == 0
     assert model.opt.timestep * SUBSTEPS == pytest.approx(0.05)
     assert model.opt.timestep == TIMESTEP
 
 
 def test_the_arm_carries_the_hand_without_sagging():
-    model = robot_model()
+    model = robot_model(LEAP)
     data = mujoco.MjData(model)
     start = np.array([*xarm7.HOME, *[0.3] * 16])
     data.qpos[:] = data.ctrl[:] = start
@@ -97,10 +98,10 @@ def test_the_arm_carries_the_hand_without_sagging():
 
 
 def test_pad_frames_point_outward_toward_the_tip_and_across():
-    model = robot_model()
+    model = robot_model(LEAP)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    for finger in FINGERS:
+    for finger in LEAP.prefixes:
         distal = data.body(f"{finger}_ds").xmat.reshape(3, 3)
         pad = distal.T @ data.site(f"{finger}_pad").xmat.reshape(3, 3)
         assert np.allclose(pad, [[0, 0, -1], [-1, 0, 0], [0, 1, 0]], atol=1e-9)

@@ -5,6 +5,7 @@ import numpy as np
 
 from lerobot_dexflex.hand import xarm7
 from lerobot_dexflex.hand.model import SUBSTEPS, WORLD_COLLISION, add_arm, add_hand, base_spec
+from lerobot_dexflex.hands import LEAP
 
 RADIUS, HALF_LENGTH, MASS = 0.013, 0.06, 0.100
 CENTRE = np.array([-0.0405, -0.0353, -0.1401])
@@ -34,7 +35,7 @@ SWING = np.array([0.3, 0.15, 0.3, -0.2, 0.4, 0.3, 0.6])
 def held_cylinder():
     """Close the hand on a fixed 100 g cylinder, then let the cylinder go."""
     spec = base_spec()
-    add_hand(spec, add_arm(spec))
+    add_hand(spec, add_arm(spec), LEAP)
     body = spec.worldbody.add_body(name="object")
     body.add_freejoint(name="object")
     contype, conaffinity = WORLD_COLLISION

@@ -6,7 +6,8 @@ import pytest
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hand.touch import FINGERS, TouchConfig, TouchSensor, add_touch
+from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor, add_touch
+from lerobot_dexflex.hands import LEAP
 
 BOX, CYLINDER, CAPSULE, SPHERE = (
     getattr(mujoco.mjtGeom, f"mjGEOM_{name}") for name in ("BOX", "CYLINDER", "CAPSULE", "SPHERE")
@@ -31,8 +32,8 @@ def stiff_hand():
     """The real hand with touch, its joints held by friction as thick as honey, without gravity."""
     spec = robot.base_spec()
     spec.option.gravity = (0, 0, 0)
-    robot.add_hand(spec, spec.worldbody)
-    add_touch(spec)
+    robot.add_hand(spec, spec.worldbody, LEAP)
+    add_touch(spec, LEAP)
     for joint in spec.joints:
         joint.damping[0] = 1e5
     return spec
@@ -76,12 +77,12 @@ def contact_force_on_pads(model, data):
             name = model.geom(int(geom)).name
             if name.endswith(("_tip", "_nose")):
                 normal = data.site(f"{name[:2]}_pad").xmat.reshape(3, 3)[:, 2]
-                forces[FINGERS.index(name[:2])] -= sign * on_second @ normal
+                forces[LEAP.prefixes.index(name[:2])] -= sign * on_second @ normal
     return forces
 
 
 def ideal(model):
-    return TouchSensor(model, TouchConfig.ideal())
+    return TouchSensor(model, LEAP, TouchConfig.ideal())
 
 
 @pytest.mark.parametrize("offset", [(0, 0), (0.004, 0.003), (0.0125, 0)])
@@ -103,11 +104,11 @@ def test_force_at_the_nose_is_carried_by_the_rows_nearest_to_it():
     assert rows[8:].sum() > 1.9
 
 
-@pytest.mark.parametrize("finger", FINGERS)
+@pytest.mark.parametrize("finger", LEAP.prefixes)
 def test_every_finger_feels_its_own_pad_only(finger):
     model, data = press("sphere", finger=finger)
     touched = ideal(model).normal_forces(data) > 0
-    assert [f for f, t in zip(FINGERS, touched, strict=True) if t] == [finger]
+    assert [f for f, t in zip(LEAP.prefixes, touched, strict=True) if t] == [finger]
 
 
 def test_a_flat_face_loads_all_taxels_alike():
@@ -242,9 +243,9 @@ def test_a_restored_state_continues_exactly():
 
 def test_a_model_without_touch_is_refused():
     spec = robot.base_spec()
-    robot.add_hand(spec, spec.worldbody)
-    with pytest.raises(DexFlexError, match=r"no sensor 'if_taxels'. Call `add_touch\(spec\)`"):
-        TouchSensor(spec.compile())
+    robot.add_hand(spec, spec.worldbody, LEAP)
+    with pytest.raises(DexFlexError, match=r"no sensor 'if_taxels'. Call `add_touch\(spec, hand\)`"):
+        TouchSensor(spec.compile(), LEAP)
 
 
 @pytest.mark.parametrize(("field", "value"), [("skin", 0.0), ("noise_std", -0.1), ("latency_steps", -1)])

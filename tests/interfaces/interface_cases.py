@@ -4,6 +4,7 @@ import torch
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON, GRAVITY, STATE, TACTILE
 from lerobot_dexflex.hand.kinematics import fingertips, pads
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Method
 
 METHODS = (
@@ -27,7 +28,7 @@ def observation(rows, seed=0, arm=7):
     return {
         STATE: torch.cat([torch.zeros(rows, arm, dtype=torch.float64), joints], 1),
         TACTILE: 0.1 * torch.rand(rows, 240, generator=generator),
-        "observation.fingertips": fingertips(joints).flatten(1).float(),
+        "observation.fingertips": fingertips(LEAP, joints).flatten(1).float(),
         GRAVITY: torch.tensor([0.0, 0.0, -1.0]).expand(rows, 3),
     }
 
@@ -42,7 +43,7 @@ def touching(loads, rows=1, seed=0):
 def measured(seen):
     """Return where the joints [rad], the fingertips and the pads' outward normals of the hands are."""
     joints = seen[STATE][:, -16:].double()
-    return joints, fingertips(joints), pads(joints)[1]
+    return joints, fingertips(LEAP, joints), pads(LEAP, joints)[1]
 
 
 def still(rows=1):

@@ -8,6 +8,7 @@ from interface_cases import STATE, TACTILE, drafts, observation
 
 from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface, ablated
 
 FEW = {"n_pure": 4, "n_seeded": 4, "n_finger": 4, "nfe": 2, "include_draft": True, "hysteresis": 0.0}
@@ -48,7 +49,7 @@ def joints_of(seen):
 
 
 def tips_of(seen):
-    return fingertips(joints_of(seen))
+    return fingertips(LEAP, joints_of(seen))
 
 
 def noisy(seen, k):

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS
 from lerobot_dexflex.hand.kinematics import fingertips, pads
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import contact_projection
 from lerobot_dexflex.interfaces.contact_projection import PAST_DRAFTS, WINDOW, Grasp, ProjectionSettings
 
@@ -20,9 +20,9 @@ PLAIN = ProjectionSettings(
     squeeze_gain=0.0,
     return_speed=0.0,
 )
-JOINTS = torch.tensor(NOMINAL_JOINTS, dtype=torch.float64)[None]
-TIPS = fingertips(JOINTS)
-INWARD = pads(JOINTS)[1]
+JOINTS = torch.tensor(LEAP.nominal_joints, dtype=torch.float64)[None]
+TIPS = fingertips(LEAP, JOINTS)
+INWARD = pads(LEAP, JOINTS)[1]
 
 
 def grasp(loads: list[float], missing: tuple[int, ...] = (), before: list[float] | None = None) -> Grasp:
@@ -205,7 +205,7 @@ def test_rows_do_not_depend_on_each_other_to_the_last_bit(rows):
 
     joints = JOINTS + draw(16, size=0.1)
     loads = draw(WINDOW, 4, size=1.0).clamp(min=0)
-    seen = Grasp(joints, fingertips(joints), loads, draw(4) > 0.002, draw(PAST_DRAFTS, 4, 3))
+    seen = Grasp(joints, fingertips(LEAP, joints), loads, draw(4) > 0.002, draw(PAST_DRAFTS, 4, 3))
     asked, settings = draw(8, 4, 3), ProjectionSettings()
     together = contact_projection.project_draft(asked, seen, settings)
     for k in range(rows):

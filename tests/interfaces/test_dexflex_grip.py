@@ -7,8 +7,8 @@ from learned_cases import draft_of, flex, joints_of, noisy, pressing, tips_of, t
 
 from lerobot_dexflex.controller import HistoryBuffer
 from lerobot_dexflex.conventions import FINGERTIPS
-from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.kinematics import contact_torques, finger_frames, pads, solve_fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.grip import Grip, ServoSettings
 from lerobot_dexflex.interfaces.press import PressInterface, PressSettings
 
@@ -19,16 +19,16 @@ SINGLE = {"rtol": 0, "atol": 1e-6}
 def led(seen, motion, forces, points):
     """Joint targets that move the tips and lead the joints by J^T f / kp."""
     joints = joints_of(seen)
-    posture = solve_fingertips(tips_of(seen) + motion, joints)
-    torques = contact_torques(joints, points, forces)
-    assert torques.abs().max() < leap.GRIP_TORQUE
-    return posture + torques / leap.KP
+    posture = solve_fingertips(LEAP, tips_of(seen) + motion, joints)
+    torques = contact_torques(LEAP, joints, points, forces)
+    assert torques.abs().max() < LEAP.motors[0].grip_torque
+    return posture + torques / LEAP.motors[0].position_gain
 
 
 def test_the_decoders_forces_are_explained_in_the_palm_frame_and_lead_the_joints(controller):
     interface, seen = flex(pressing(controller, 2.0), "noselection"), touched(1.0, rows=2)
     targets = interface.step(seen, draft_of(2))
-    centres, inward = pads(joints_of(seen))
+    centres, inward = pads(LEAP, joints_of(seen))
     torch.testing.assert_close(interface.explanation.forces, 2.0 * inward, **SINGLE)
     expected = led(seen, draft_of(2)[:, 0], 2.0 * inward, centres)  # Evenly touched: the pads' centres.
     torch.testing.assert_close(targets, expected, rtol=0, atol=1e-6)
@@ -43,11 +43,11 @@ def test_forces_are_decoded_of_the_state_and_the_motion_that_is_executed(control
     targets = interface.step(seen, draft)
     past = HistoryBuffer().observe({**seen, FINGERTIPS: tips_of(seen).flatten(1)})
     local = controller.decode(controller.encode(past), draft.float()).grip().double()
-    forces = torch.einsum("bfij,bfj->bfi", finger_frames(joints_of(seen)).distal_rotation, local)
+    forces = torch.einsum("bfij,bfj->bfi", finger_frames(LEAP, joints_of(seen)).distal_rotation, local)
     assert forces.norm(dim=-1).max() > 0.1
     torch.testing.assert_close(interface.explanation.forces, forces, rtol=0, atol=1e-5)
     told = interface.explanation.forces
-    expected = led(seen, draft[:, 0], told, pads(joints_of(seen))[0])
+    expected = led(seen, draft[:, 0], told, pads(LEAP, joints_of(seen))[0])
     torch.testing.assert_close(targets, expected, **SINGLE)
 
 
@@ -55,7 +55,7 @@ def test_a_finger_that_is_not_to_press_leads_no_joint(controller):
     some = pressing(controller, 2.0, (True, False, True, False))
     interface, seen = flex(some, "noselection"), touched(1.0)
     targets = interface.step(seen, draft_of(1))
-    posture = solve_fingertips(tips_of(seen) + draft_of(1)[:, 0], joints_of(seen))
+    posture = solve_fingertips(LEAP, tips_of(seen) + draft_of(1)[:, 0], joints_of(seen))
     leads = (targets - posture).unflatten(1, (4, 4)).abs().amax(-1)[0]
     assert (leads > 0.01).tolist() == [True, False, True, False]
     assert leads[[1, 3]].max() < 1e-12
@@ -106,7 +106,7 @@ def test_a_gain_scales_the_motion_and_leaves_the_leads_of_the_grip(controller):
     interface, seen = flex(pressing(controller, 2.0), "noselection"), touched(1.0)
     interface.gain = 0.5
     targets = interface.step(seen, draft_of(1))
-    centres, inward = pads(joints_of(seen))
+    centres, inward = pads(LEAP, joints_of(seen))
     torch.testing.assert_close(
         targets, led(seen, 0.5 * draft_of(1)[:, 0], 2.0 * inward, centres), rtol=0, atol=1e-6
     )
@@ -120,7 +120,7 @@ def test_a_grip_beyond_the_motors_is_bounded(controller):
         targets.append(interface.step(seen, 0 * draft_of(1)))
     torch.testing.assert_close(*targets, **SINGLE)
     lead = (targets[0] - joints_of(seen)).abs().max()
-    assert lead.item() == pytest.approx(leap.GRIP_TORQUE / leap.KP, abs=1e-6)
+    assert lead.item() == pytest.approx(LEAP.motors[0].grip_torque / LEAP.motors[0].position_gain, abs=1e-6)
 
 
 def test_without_learned_forces_touching_fingers_press_with_the_constant_of_press(controller):
@@ -130,7 +130,7 @@ def test_without_learned_forces_touching_fingers_press_with_the_constant_of_pres
     pushed = interface.explanation.forces.norm(dim=-1)
     torch.testing.assert_close(pushed[0], torch.tensor([1.5, 1.5, 0.0, 1.5], dtype=torch.float64), **EXACT)
     torch.testing.assert_close(
-        interface.explanation.forces[:, :2], 1.5 * pads(joints_of(seen))[1][:, :2], **EXACT
+        interface.explanation.forces[:, :2], 1.5 * pads(LEAP, joints_of(seen))[1][:, :2], **EXACT
     )
 
 

@@ -7,8 +7,12 @@ from learned_cases import draft_of, joints_of
 
 from lerobot_dexflex.controller.diffusion_prior import LEAD_SCALE, DiffusionPrior
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.kinematics import JOINT_UPPER
+from lerobot_dexflex.hand.kinematics import joint_limits
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.dexgen import DexGenInterface
+
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+
 
 SMALL = 0.001
 """Drafts within the six scales that the networks can express [m]."""

@@ -6,6 +6,7 @@ from interface_cases import drafts, held, measured, observation
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 
 
@@ -35,7 +36,7 @@ def test_a_draft_that_jumps_to_and_fro_is_damped():
     interface, seen = make_interface("filter:0.3"), observation(1)
     _, tips, _ = measured(seen)
     to = held(torch.full((1, 4, 3), 0.006, dtype=torch.float64))
-    strayed = [fingertips(interface.step(seen, sign * to)) - tips for sign in (1, -1) * 10]
+    strayed = [fingertips(LEAP, interface.step(seen, sign * to)) - tips for sign in (1, -1) * 10]
     assert max(float(way.norm(dim=-1).max()) for way in strayed[4:]) < 0.4 * 0.006 * 3**0.5
 
 

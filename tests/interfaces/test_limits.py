@@ -8,11 +8,14 @@ from interface_cases import METHODS, STATE, drafts, hand_poses, held, measured, 
 
 from lerobot_dexflex.conventions import CONTROL_PERIOD
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand import leap
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, fingertips
+from lerobot_dexflex.hand.kinematics import fingertips, joint_limits
 from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.interfaces.commanded_hand import LARGEST_STEP, CommandedHand
+
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+
 
 ROUNDING = 1e-12
 DRAFT_METHODS = [name for name in METHODS if name != "joint"]
@@ -20,8 +23,8 @@ DRAFT_METHODS = [name for name in METHODS if name != "joint"]
 
 def test_the_limit_is_what_the_servo_turns_in_a_control_step():
     assert CONTROL_PERIOD == TIMESTEP * SUBSTEPS
-    assert LARGEST_STEP == leap.MAX_SPEED * CONTROL_PERIOD
-    assert math.isclose(leap.MAX_SPEED, 8.48, abs_tol=0.01)
+    assert LEAP.motors[0].speed * CONTROL_PERIOD == LARGEST_STEP
+    assert math.isclose(LEAP.motors[0].speed, 8.48, abs_tol=0.01)
     assert math.isclose(LARGEST_STEP, 0.424, abs_tol=0.001)
 
 
@@ -69,21 +72,21 @@ def test_joint_targets_within_the_limit_pass_bit_for_bit_and_their_motion_is_tol
     draft = (seen[STATE][:, None, -16:] + 0.4).float()
     targets = interface.step(seen, draft)
     assert torch.equal(targets, draft[:, 0])
-    expected = fingertips(draft[:, 0].double()) - measured(seen)[1]
+    expected = fingertips(LEAP, draft[:, 0].double()) - measured(seen)[1]
     torch.testing.assert_close(interface.motion, expected)
 
 
 def test_a_jump_of_a_draft_is_made_up_in_several_steps_and_not_ignored():
     interface, seen = make_interface("raw"), observation(1)
     _, start, _ = measured(seen)
-    goal = fingertips(seen[STATE][:, -16:] + 0.6)
+    goal = fingertips(LEAP, seen[STATE][:, -16:] + 0.6)
     assert ((goal - start).norm(dim=-1) > 0.03).all()
     joints = torch.empty(0)
     for _ in range(12):  # The hand follows.
         _, tips, _ = measured(seen)
         joints = interface.step(seen, held(goal - tips))
         seen = {STATE: joints}
-    assert ((fingertips(joints) - goal).norm(dim=-1) < 0.003).all()
+    assert ((fingertips(LEAP, joints) - goal).norm(dim=-1) < 0.003).all()
 
 
 @pytest.mark.parametrize("name", DRAFT_METHODS)
@@ -100,7 +103,7 @@ def test_what_was_asked_outward_for_long_does_not_delay_the_way_back(name, axis,
         joints = interface.step(seen, draft)
     for _ in range(8):
         back = interface.step(seen, -draft)
-    moved = sign * (fingertips(joints) - fingertips(back))[..., axis]
+    moved = sign * (fingertips(LEAP, joints) - fingertips(LEAP, back))[..., axis]
     assert (moved > 0.001).all(), moved
 
 

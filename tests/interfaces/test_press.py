@@ -6,8 +6,8 @@ from interface_cases import STATE, TACTILE, held, measured, observation, still, 
 
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand import leap
 from lerobot_dexflex.hand.kinematics import contact_torques, pads, solve_fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.interfaces.grip import RECENT, Grip, ServoSettings, loads_of
 
@@ -29,17 +29,19 @@ def outward_motion(seen, speed=0.003):
 def test_touching_fingers_lead_by_their_torques_over_the_gain_and_others_do_not(force):
     seen = touching([1.0, 0.0, 2.0, 0.02])
     joints, _, inward = measured(seen)
-    centres, _ = pads(joints)
-    torques = contact_torques(joints, centres, force * inward).unflatten(1, (4, 4))
+    centres, _ = pads(LEAP, joints)
+    torques = contact_torques(LEAP, joints, centres, force * inward).unflatten(1, (4, 4))
     found = lead(make_interface(f"press:{force}+{NO_SERVO}"), seen, still())
-    torch.testing.assert_close(found[:, [0, 2]], torques[:, [0, 2]] / leap.KP, atol=1e-12, rtol=0)
+    torch.testing.assert_close(
+        found[:, [0, 2]], torques[:, [0, 2]] / LEAP.motors[0].position_gain, atol=1e-12, rtol=0
+    )
     assert not found[:, [1, 3]].any()
     assert found[:, [0, 2]].abs().amax() > 0.01
 
 
 def test_the_lead_is_bounded_by_the_torque_of_the_motors():
     found = lead(make_interface(f"press:60+{NO_SERVO}"), touching(1.0), still())
-    assert found.abs().amax() == pytest.approx(leap.GRIP_TORQUE / leap.KP)
+    assert found.abs().amax() == pytest.approx(LEAP.motors[0].grip_torque / LEAP.motors[0].position_gain)
 
 
 def test_the_grip_is_no_motion():
@@ -60,10 +62,10 @@ def test_the_next_posture_is_tied_to_the_one_without_the_grip():
     interface, seen = make_interface(f"press:3+{NO_SERVO}"), touching(1.0)
     joints, tips, inward = measured(seen)
     motion = torch.full((1, 4, 3), 0.002, dtype=torch.float64)
-    posture = solve_fingertips(tips + motion, joints)
+    posture = solve_fingertips(LEAP, tips + motion, joints)
     interface.step(seen, held(motion))
-    torques = contact_torques(joints, pads(joints)[0], 3.0 * inward)
-    expected = solve_fingertips(tips - motion, posture) + torques / leap.KP
+    torques = contact_torques(LEAP, joints, pads(LEAP, joints)[0], 3.0 * inward)
+    expected = solve_fingertips(LEAP, tips - motion, posture) + torques / LEAP.motors[0].position_gain
     torch.testing.assert_close(interface.step(seen, held(-motion)), expected, atol=1e-12, rtol=0)
 
 

@@ -6,6 +6,7 @@ from interface_cases import STATE, TACTILE, held, measured, observation, still, 
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import solve_fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.interfaces.projection import RUNAWAY, ProjectionInterface
 
@@ -52,7 +53,7 @@ def test_the_command_is_where_it_was_when_the_hand_has_moved():
     blind = make_interface("projection:free_gain=0")
     blind.step(first, held(goal - measured(first)[1]))
     joints = interface.step(second, held(goal - measured(second)[1]))
-    torch.testing.assert_close(joints, solve_fingertips(goal, posture), atol=1e-9, rtol=0)
+    torch.testing.assert_close(joints, solve_fingertips(LEAP, goal, posture), atol=1e-9, rtol=0)
     blinded = {STATE: second[STATE]}  # Nothing of the draft passes: the command stays.
     blind.step(blinded, held(goal - measured(second)[1] + 0.01))
     torch.testing.assert_close(blind.motion, goal - measured(second)[1], atol=1e-9, rtol=0)

@@ -6,6 +6,7 @@ from interface_cases import drafts, held, measured, observation, still, touching
 
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 
 
@@ -13,7 +14,7 @@ from lerobot_dexflex.interfaces import make_interface
 def test_raw_solves_for_the_measured_tips_plus_the_first_step_of_the_draft(arm):
     interface, draft, seen = make_interface("raw"), drafts("raw", 3), observation(3, arm=arm)
     joints, tips, _ = measured(seen)
-    assert torch.equal(interface.step(seen, draft), solve_fingertips(tips + draft[:, 0], joints))
+    assert torch.equal(interface.step(seen, draft), solve_fingertips(LEAP, tips + draft[:, 0], joints))
     assert interface.motion is not None
     assert torch.equal(interface.motion, draft[:, 0])
 
@@ -26,7 +27,7 @@ def test_a_still_draft_keeps_the_tips_where_they_are_measured_whatever_was_asked
     joints = torch.empty(0)
     for _ in range(20):
         joints = interface.step(seen, still())
-    torch.testing.assert_close(fingertips(joints), tips, atol=2e-4, rtol=0)
+    torch.testing.assert_close(fingertips(LEAP, joints), tips, atol=2e-4, rtol=0)
 
 
 def test_a_hand_that_does_not_follow_is_asked_for_the_same_and_not_for_more():
@@ -36,7 +37,7 @@ def test_a_hand_that_does_not_follow_is_asked_for_the_same_and_not_for_more():
     joints = torch.empty(0)
     for _ in range(50):
         joints = interface.step(seen, draft)
-    torch.testing.assert_close(fingertips(joints), tips + 0.002, atol=3e-4, rtol=0)
+    torch.testing.assert_close(fingertips(LEAP, joints), tips + 0.002, atol=3e-4, rtol=0)
 
 
 def test_the_posture_is_tied_to_the_previous_command_and_not_to_the_measured_hand():
@@ -45,8 +46,8 @@ def test_the_posture_is_tied_to_the_previous_command_and_not_to_the_measured_han
     seen = observation(1, seed=5)
     _, tips, _ = measured(seen)
     second = interface.step(seen, draft)
-    assert torch.equal(second, solve_fingertips(tips + draft[:, 0], first))
-    assert not torch.equal(second, solve_fingertips(tips + draft[:, 0], measured(seen)[0]))
+    assert torch.equal(second, solve_fingertips(LEAP, tips + draft[:, 0], first))
+    assert not torch.equal(second, solve_fingertips(LEAP, tips + draft[:, 0], measured(seen)[0]))
 
 
 def test_a_gain_scales_the_motion():
@@ -61,7 +62,7 @@ def test_a_draft_of_motion_lets_go_and_one_that_commands_into_the_object_holds_i
     """A draft that only says where tips are holds no force: this is why there are grips."""
     env = ReachEnv(cameras=())
     first, _ = env.reset(seed=3)
-    start, squeeze = env.snapshot(), fingertips(torch.as_tensor(env.command)[None])
+    start, squeeze = env.snapshot(), fingertips(LEAP, torch.as_tensor(env.command)[None])
     dropped = []
     for presses in (True, False):
         env.restore(start)

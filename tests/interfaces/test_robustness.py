@@ -6,7 +6,11 @@ from interface_cases import STATE, TACTILE, observation
 from learned_cases import LEARNED, draft_of, flex, noisy, pressing, touched
 
 from lerobot_dexflex.conventions import FINGER_NAMES
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER
+from lerobot_dexflex.hand.kinematics import joint_limits
+from lerobot_dexflex.hands import LEAP
+
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+
 
 STEPS = 10
 

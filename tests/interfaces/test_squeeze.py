@@ -8,10 +8,11 @@ from learned_cases import draft_of, flex, joints_of, touched
 
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.hand.kinematics import pads
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.dexgen import DexGenInterface
 
 SEEN = touched(1.0)
-INWARD = pads(joints_of(SEEN))[1][0]
+INWARD = pads(LEAP, joints_of(SEEN))[1][0]
 SQUEEZE = torch.tensor([0.005, 0.0, 0.0, 0.0009])[:, None] * INWARD
 """The index finger presses by 5 mm, the thumb by a hair."""
 TAKEN = SQUEEZE * torch.tensor([1.0, 0, 0, 0])[:, None]

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from lerobot.robots import Robot, RobotConfig
 
-from lerobot_dexflex.hand.model import JOINTS
+from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 
 
 @RobotConfig.register_subclass("fake_xarm7_leap")
@@ -27,7 +28,7 @@ class FakeRobot(Robot):
 
     @property
     def action_features(self):
-        return {f"{joint}.pos": float for joint in JOINTS}
+        return {f"{joint}.pos": float for joint in robot_joints(LEAP)}
 
     @property
     def observation_features(self):

@@ -11,6 +11,7 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.policies import AdaptedPolicies
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 
 
 @pytest.mark.parametrize("interface", ["joint", "raw", "press", "dexgen", "dexflex"])
@@ -38,8 +39,8 @@ def test_the_plan_is_the_backbones_in_raw_units(adapter, backbone, observation):
     targets = raw.select_action(observation)
     torch.testing.assert_close(targets[:, :7], planned[:, 0, :7])
     # The IK moves the fingertips toward the plan; this untrained plan may be out of reach.
-    start = fingertips(observation["observation.state"][:, 7:].double()).flatten(1)
-    reached = fingertips(targets[:, 7:].double()).flatten(1)
+    start = fingertips(LEAP, observation["observation.state"][:, 7:].double()).flatten(1)
+    reached = fingertips(LEAP, targets[:, 7:].double()).flatten(1)
     assert ((reached - tips[:, 0, 7:]).norm(dim=1) < (start - tips[:, 0, 7:]).norm(dim=1)).all()
 
 

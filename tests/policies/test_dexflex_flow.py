@@ -6,6 +6,7 @@ from safetensors.torch import load_file, save_file
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.commanded_hand import LARGEST_STEP
 from lerobot_policy_dexflex.drafts import smoothed, without_squeeze
 from lerobot_policy_dexflex.measured_tips import NEXT_TIPS
@@ -161,7 +162,7 @@ def test_select_action_returns_joint_targets_and_executes_each_chunk_sixteen_tim
 
 def test_raw_execution_asks_for_exactly_the_planned_fingertips_from_the_measured_ones(trained, observation):
     policy = trained["raw"]
-    measured = fingertips(observation["observation.state"][:, 7:].double())
+    measured = fingertips(LEAP, observation["observation.state"][:, 7:].double())
     policy.reset()
     chunk = policy.predict_action_chunk(observation, noise(policy))
     for k in range(8):

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lerobot_dexflex.hands import LEAP
+
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("teleop", "streams")]
 
 START = [0.0, -0.35, 0.0, 0.95, 0.0, 1.3, 1.57, *[0.4, 0.0, 0.6, 0.4] * 3, 0.3, 0.0, 0.8, 0.3]
@@ -58,11 +60,11 @@ def run(teleop, seconds):
 
 
 def test_its_action_is_every_joint_by_name(make):
-    from lerobot_dexflex.hand.model import JOINTS
+    from lerobot_dexflex.hand.model import robot_joints
 
     teleop = make()
     assert (teleop.name, type(teleop).__name__) == ("dexflex_glove", "DexflexGlove")
-    assert teleop.action_features == {f"{joint}.pos": float for joint in JOINTS}
+    assert teleop.action_features == {f"{joint}.pos": float for joint in robot_joints(LEAP)}
     assert teleop.feedback_features == {}
     assert not teleop.is_connected
     teleop.connect()

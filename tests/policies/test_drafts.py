@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.raw import RawInterface
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
 from lerobot_policy_dexflex.drafts import joint_draft, smoothed, tip_draft, without_squeeze
@@ -66,7 +67,9 @@ def test_squeeze_is_taken_out_of_touching_fingers_at_every_step_and_motion_is_ke
 
 
 START = torch.full((1, 23), 0.5)
-PLANNED = fingertips(0.5 + 0.01 * torch.arange(1, 11, dtype=torch.float64)[:, None].expand(-1, 16))[None]
+PLANNED = fingertips(LEAP, 0.5 + 0.01 * torch.arange(1, 11, dtype=torch.float64)[:, None].expand(-1, 16))[
+    None
+]
 
 
 class Recorder(RawInterface):
@@ -96,12 +99,12 @@ def test_every_draft_of_a_plan_is_relative_to_the_hand_as_it_is_measured_then(ex
         execution.step({"observation.state": state})
         draft = execution.interface.drafts[-1]
         assert draft.dtype == torch.float64
-        here = fingertips(state[:, 7:].double())[:, None]
+        here = fingertips(LEAP, state[:, 7:].double())[:, None]
         torch.testing.assert_close(here + draft, PLANNED[:, k : k + 8], rtol=0, atol=1e-8)
 
 
 def test_raw_reaches_the_plan_from_wherever_the_hand_is_measured(execution):
     for k in range(3):
         targets = execution.step({"observation.state": START + 0.02 * k})
-        reached = fingertips(targets[:, 7:].double())
+        reached = fingertips(LEAP, targets[:, 7:].double())
         torch.testing.assert_close(reached, PLANNED[:, k], rtol=0, atol=5e-4)  # What the IK misses.

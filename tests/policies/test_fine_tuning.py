@@ -9,7 +9,7 @@ from lerobot.policies import make_policy
 from lerobot_commands import begin_training
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.model import HAND_JOINTS
+from lerobot_dexflex.hands import LEAP
 from lerobot_policy_dexflex.modeling_dexflex_flow import DexflexFlowPolicy
 
 NETWORK = ["--policy.dim=32", "--policy.n_layers=1", "--policy.n_heads=2", "--policy.n_keypoints=8"]
@@ -27,7 +27,7 @@ def datasets(make_dataset, tmp_path_factory):
         "three cameras": {"cameras": ("front", "top", "wrist")},
         "large images": {"size": 128},
         "odd images": {"size": 100},
-        "hand alone": {"joints": HAND_JOINTS, "robot_type": "leap"},
+        "hand alone": {"joints": LEAP.joint_names, "robot_type": "leap"},
         "other names": {"rename": {"observation.tactile": "observation.touch"}},
         "other state": {"rename": {"observation.state": "observation.joints"}},
     }

@@ -16,6 +16,7 @@ from lerobot_commands import begin_evaluation
 from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_policy_dexflex import (
     DexflexAdapterConfig,
@@ -44,7 +45,7 @@ def pipelines(controller_folder):
 def said(observation, k=0):
     """The action of a policy: the arm stays, fingertips go 2 mm and then 1 mm further per step."""
     state = observation["observation.state"]
-    tips = fingertips(state[:, -16:].double()).flatten(1) + 0.002 + 0.001 * k
+    tips = fingertips(LEAP, state[:, -16:].double()).flatten(1) + 0.002 + 0.001 * k
     return torch.cat([state[:, :-16], tips.float()], 1)
 
 
@@ -69,7 +70,7 @@ def test_joint_targets_are_bit_for_bit_the_interfaces_own(
     direct = make_interface(interface, controller_folder)
     targets = act(pipelines(interface), observation)
     assert targets.shape == (STEPS, 4, 23)
-    here = fingertips(observation["observation.state"][:, 7:].double())
+    here = fingertips(LEAP, observation["observation.state"][:, 7:].double())
     for k in range(STEPS):
         arm, wanted = said(observation, k).split([7, 12], 1)
         draft = (wanted.double().unflatten(1, (4, 3)) - here)[:, None].expand(-1, 8, -1, -1)

@@ -10,7 +10,8 @@ from gymnasium import spaces
 from lerobot_dexflex import experts
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS, TaskInfo
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.hand.model import JOINTS
+from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording import staging
 
 STEPS = 9
@@ -21,7 +22,7 @@ TASK = "Count-v0"
 class CountingEnv(gymnasium.Env):
     """Count the steps: every observation tells the seed and the step, some seeds fail."""
 
-    joints = JOINTS
+    joints = robot_joints(LEAP)
     command = np.zeros(23)
     pad_forces = np.array([0.5, 1.0, 1.5, 2.0])
     metadata = {"render_modes": [], "render_fps": 20}  # noqa: RUF012

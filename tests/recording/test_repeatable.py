@@ -23,7 +23,8 @@ import sys
 from pathlib import Path
 import av
 import numpy as np
-from lerobot_dexflex.hand.model import JOINTS
+from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording import RecordConfig
 from lerobot_dexflex.recording.attempt import Attempt, save_attempt
 from lerobot_dexflex.recording.dataset import assemble
@@ -38,7 +39,7 @@ attempts = []
 for k in range(2):
     own = pictures[60 * k : 60 * (k + 1)]
     frames = {f"observation.images.{camera}": own for camera in ("front", "wrist")}
-    for key, column in (columns(JOINTS) | privileged_columns()).items():
+    for key, column in (columns(robot_joints(LEAP)) | privileged_columns()).items():
         frames[key] = np.random.default_rng(k).normal(size=(60, len(column.names))).astype(np.float32)
     attempts.append(Attempt(k, k, True, 60, 1.0, frames, kept=True))
     save_attempt(attempts[-1], staging)

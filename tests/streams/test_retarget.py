@@ -7,13 +7,17 @@ from synthetic_hand import HAND, LEFT_HAND, LEFTWARD, PLACE
 from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kernels import fingertips
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER
+from lerobot_dexflex.hand.kinematics import joint_limits
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.streams.record import Record
 from lerobot_dexflex.streams.retarget import OPEN_HAND, calibrate
 
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+
+
 TIPS = [8, 12, 16, 4]
 """Index, middle, ring, thumb."""
-ROBOT = fingertips(np.array(OPEN_HAND))
+ROBOT = fingertips(LEAP.tables, np.array(OPEN_HAND))
 SCALE, OFFSET = 1.7, np.array([-0.14, -0.02, 0.03])
 TURN = np.array([[0.96, -0.28, 0.0], [0.28, 0.96, 0.0], [0.0, 0.0, 1.0]]) @ np.array(
     [[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]]
@@ -40,8 +44,8 @@ def test_a_known_similarity_is_found(thumb_scale):
     np.testing.assert_allclose(found.offset, OFFSET, atol=1e-9)
     assert found.residual < 1e-9
     joints = np.full(16, 0.4)
-    elsewhere = human_of(fingertips(joints), thumb_scale)[TIPS]
-    np.testing.assert_allclose(found(elsewhere), fingertips(joints), atol=1e-9)
+    elsewhere = human_of(fingertips(LEAP.tables, joints), thumb_scale)[TIPS]
+    np.testing.assert_allclose(found(elsewhere), fingertips(LEAP.tables, joints), atol=1e-9)
 
 
 def test_the_fit_is_the_best_one_and_says_how_good_it_is():

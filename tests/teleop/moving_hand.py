@@ -6,11 +6,11 @@ Nothing here calls the code under test.
 import numpy as np
 from synthetic_hand import HAND
 
-from lerobot_dexflex.hand.model import HAND_RELAXED
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.streams.record import Record
 from lerobot_dexflex.streams.source import Newest
 
-START = np.array((0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2, *HAND_RELAXED))
+START = np.array((0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2, *LEAP.relaxed_joints))
 """A robot over a table, palm down."""
 FORWARD = np.eye(3)
 """Fingers to the world's +x, back of the hand up."""

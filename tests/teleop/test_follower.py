@@ -3,6 +3,7 @@ import pytest
 from moving_hand import START, MovingHand, bent, record, turned
 
 from lerobot_dexflex.hand.kernels import fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.streams.record import ROBOT_TIPS
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.streams.source import Newest
@@ -52,7 +53,7 @@ def test_the_palm_moves_and_turns_as_the_wrist(follower):
 def test_the_fingertips_go_where_the_persons_are(follower):
     run(follower, lambda t: record(t, keypoints=bent(0.3 * min(1.0, t))), 2.0)
     wish = calibrate(record(0.0))(bent(0.3)[ROBOT_TIPS])
-    np.testing.assert_allclose(fingertips(follower.joints[7:]), wish, atol=1e-3)
+    np.testing.assert_allclose(fingertips(LEAP.tables, follower.joints[7:]), wish, atol=1e-3)
 
 
 @pytest.mark.parametrize("rate", [30.0, 60.0, 120.0])
@@ -101,7 +102,7 @@ def test_after_a_pause_the_arm_goes_on_from_where_it_is(follower, how):
     assert statuses[0] == "following"
     joints = np.concatenate([[held], joints])
     assert np.abs(np.diff(joints[:, :7], axis=0)).max() < 0.01
-    tips = fingertips(np.ascontiguousarray(joints[:, 7:]))
+    tips = fingertips(LEAP.tables, np.ascontiguousarray(joints[:, 7:]))
     assert np.linalg.norm(np.diff(tips, axis=0), axis=-1).max() < RETURN_SPEED * TICK + 1e-3
     moved = palm(joints[-1]).position - palm(held).position
     np.testing.assert_allclose(moved, (0.0, 0.1, 0.0), atol=5e-3)

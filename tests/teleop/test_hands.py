@@ -4,7 +4,7 @@ import torch
 
 from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.experts.command import Command, fingertips_of
-from lerobot_dexflex.hand.model import HAND_RELAXED
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.teleop.hands import Hands, bends_forward
 from lerobot_dexflex.teleop.ik import POSTURE
@@ -23,7 +23,7 @@ def command(hand):
 @pytest.mark.parametrize(
     ("hand", "forward"),
     [
-        (HAND_RELAXED, False),
+        (LEAP.relaxed_joints, False),
         (np.zeros(16), False),
         (POSTURE, True),
         (POSTURE * ([1.0] * 6 + [0.0] * 2 + [1.0] * 8), False),
@@ -39,7 +39,7 @@ def test_fingers_must_bend_forward(hand, forward):
 def test_the_interface_takes_over_when_the_fingers_bend_forward_and_keeps_the_hand():
     hands = Hands(make_interface("raw"))
     hand, goal = hands(0), POSTURE + 0.05
-    relaxed, bent = np.array(HAND_RELAXED), np.array(POSTURE)
+    relaxed, bent = np.array(LEAP.relaxed_joints), np.array(POSTURE)
     np.testing.assert_array_equal(hand.move(observation(relaxed), command(goal)).joint_targets[7:], goal)
     assert hands.motion is None
     solved = hand.move(observation(bent), command(goal)).joint_targets
@@ -68,7 +68,7 @@ def test_the_view_sees_the_draft_and_what_the_interface_made_of_it():
 def test_a_simulated_person_is_led_by_the_interface_at_once_and_differs_by_attempt():
     torch.manual_seed(0)
     hands = Hands(make_interface("raw"), seed=3, errors=CommandErrors.parse("noise_4mm"))
-    relaxed = np.array(HAND_RELAXED)
+    relaxed = np.array(LEAP.relaxed_joints)
     moved = [hands(k).move(observation(relaxed), command(relaxed)).joint_targets[7:] for k in (0, 1, 0)]
     assert np.abs(moved[0] - relaxed).max() > 1e-3
     assert np.abs(moved[0] - moved[1]).max() > 1e-3

@@ -5,17 +5,17 @@ from moving_hand import START, bent, record
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.arm import robot_model, rotation_vector
 from lerobot_dexflex.hand.kernels import fingertips
-from lerobot_dexflex.hand.leap import MAX_SPEED
-from lerobot_dexflex.hand.model import JOINTS
+from lerobot_dexflex.hand.model import robot_joints
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.streams.record import ROBOT_TIPS
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.streams.wrist_frame import Frame
 from lerobot_dexflex.teleop.ik import ARM_SPEED, RobotIK
 
 DT = 0.02
-LOW, HIGH = robot_model().jnt_range.T
-BENDING = [k for k, name in enumerate(JOINTS) if name.endswith(("_pip", "_dip"))]
-SPEED = np.repeat([ARM_SPEED, MAX_SPEED], [7, 16])
+LOW, HIGH = robot_model(LEAP).jnt_range.T
+BENDING = [k for k, name in enumerate(robot_joints(LEAP)) if name.endswith(("_pip", "_dip"))]
+SPEED = np.repeat([ARM_SPEED, LEAP.motors[0].speed], [7, 16])
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_where_the_robot_is_led_to_is_where_mujoco_has_it(ik):
     """The independent model: arm and hand together, as in the tasks."""
     import mujoco
 
-    model = robot_model()
+    model = robot_model(LEAP)
     data = mujoco.MjData(model)
     data.qpos[:] = ik.joints
     mujoco.mj_kinematics(model, data)
@@ -48,7 +48,7 @@ def test_where_the_robot_is_led_to_is_where_mujoco_has_it(ik):
     np.testing.assert_allclose(ik.palm.rotation, palm.xmat.reshape(3, 3), atol=1e-9)
     tips = [(data.site(f"{f}_tip").xpos - palm.xpos) @ ik.palm.rotation for f in ("if", "mf", "rf", "th")]
     np.testing.assert_allclose(ik.tips, tips, atol=1e-9)
-    np.testing.assert_allclose(ik.tips, fingertips(ik.joints[7:]), atol=1e-5)
+    np.testing.assert_allclose(ik.tips, fingertips(LEAP.tables, ik.joints[7:]), atol=1e-5)
 
 
 def test_random_reachable_poses_are_reached(ik):
@@ -109,7 +109,7 @@ def test_what_cannot_reach_slows_nothing_else(ik):
     for k in range(30):
         bending = START[7:].copy()
         bending[0] += 0.01 * k  # The index at 0.5 rad/s.
-        tips = fingertips(bending)
+        tips = fingertips(LEAP.tables, bending)
         ik.solve(far_palm, tips + far, DT)
         alone.solve(palm, tips, DT)
         assert np.linalg.norm(ik.tips[0] - tips[0]) < 1e-3
@@ -122,7 +122,7 @@ def test_the_same_targets_give_the_same_fingers_whatever_was_before(ik):
     rng, tips, found = np.random.default_rng(2), ik.tips, []
     for _ in range(2):
         for _ in range(100):
-            ik.solve(None, fingertips(START[7:] + rng.uniform(-0.3, 0.3, 16)), DT)
+            ik.solve(None, fingertips(LEAP.tables, START[7:] + rng.uniform(-0.3, 0.3, 16)), DT)
         for _ in range(200):
             ik.solve(None, tips, DT)
         found.append(ik.joints)

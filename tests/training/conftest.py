@@ -3,7 +3,11 @@ import torch
 
 from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS
 from lerobot_dexflex.corpus.shard import Shard, shard_path, write_shard
-from lerobot_dexflex.hand.kinematics import JOINT_LOWER, JOINT_UPPER, finger_frames, fingertips
+from lerobot_dexflex.hand.kinematics import finger_frames, fingertips, joint_limits
+from lerobot_dexflex.hands import LEAP
+
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+
 
 EPISODES, STEPS = 6, 48
 AHEAD = torch.arange(1, 9)[:, None, None]
@@ -30,12 +34,12 @@ def _shard(generator):
     steps = []
     for step in range(STEPS):
         loads = (2 * torch.sin(step / 6 + phase)).clamp(min=0)
-        tips = fingertips(joints)
+        tips = fingertips(LEAP, joints)
         plan = 0.001 * AHEAD * (loads[:, None, :, None] - 1) * torch.tensor([1.0, -1.0, 0.5])
         spoilt = torch.arange(EPISODES) % 2 == (step // 12) % 2
         draft = plan + spoilt.view(-1, 1, 1, 1) * 0.003 * noise(1, 4, 3)
         local = loads[..., None] * torch.tensor([0.6, 0.0, 0.8])
-        rotation = finger_frames(joints).distal_rotation
+        rotation = finger_frames(LEAP, joints).distal_rotation
         pose = torch.cat([pose[:, :3] + 0.002 * noise(3), pose[:, 3:]], -1)
         row = {
             "joints": joints,

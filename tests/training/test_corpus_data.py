@@ -5,6 +5,7 @@ from safetensors.torch import load_file, save_file
 from lerobot_dexflex.controller import HistoryBuffer
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import finger_frames
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.training.corpus_data import CorpusData
 
 
@@ -72,7 +73,7 @@ def test_local_forces_turned_back_are_the_palms(data):
     rows = torch.arange(0, len(data), 7)
     local = data.local_forces(rows)
     torch.testing.assert_close(local, data.columns["loads"][rows][..., None] * torch.tensor([0.6, 0.0, 0.8]))
-    rotation = finger_frames(data.columns["joints"][rows]).distal_rotation
+    rotation = finger_frames(LEAP, data.columns["joints"][rows]).distal_rotation
     palm = (rotation @ local[..., None]).squeeze(-1)
     torch.testing.assert_close(palm, data.columns["forces"][rows])
 

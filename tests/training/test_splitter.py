@@ -2,18 +2,13 @@ import pytest
 import torch
 
 from lerobot_dexflex.controller import DexFlexController
-from lerobot_dexflex.hand import leap
-from lerobot_dexflex.hand.kinematics import (
-    JOINT_LOWER,
-    JOINT_UPPER,
-    contact_torques,
-    fingertips,
-    pads,
-    solve_fingertips,
-)
+from lerobot_dexflex.hand.kinematics import contact_torques, fingertips, joint_limits, pads, solve_fingertips
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.fit import FitConfig
 from lerobot_dexflex.training.splitter import SplitterConfig, SplitterStage, squeeze_of
+
+JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +26,11 @@ def stage_of(splits, **changes):
 def test_a_position_servo_that_is_commanded_so_far_in_exerts_the_forces():
     """Whoever is led to tips + squeeze by inverse kinematics pushes with the forces' torques."""
     joints = ((JOINT_LOWER + JOINT_UPPER) / 2)[None]
-    forces = 1.5 * pads(joints)[1]
+    forces = 1.5 * pads(LEAP, joints)[1]
     squeeze = squeeze_of(joints, forces).double()
-    led = solve_fingertips(fingertips(joints) + squeeze, joints, iterations=20)
-    wanted = contact_torques(joints, pads(joints)[0], forces)
-    exerted = leap.KP * (led - joints)
+    led = solve_fingertips(LEAP, fingertips(LEAP, joints) + squeeze, joints, iterations=20)
+    wanted = contact_torques(LEAP, joints, pads(LEAP, joints)[0], forces)
+    exerted = LEAP.motors[0].position_gain * (led - joints)
     # Four joints serve a point: the motion that moves no tip is free. So compare the work along the squeeze.
     work = [(torque * (led - joints)).sum() for torque in (exerted, wanted)]
     torch.testing.assert_close(*work, rtol=0.1, atol=0)

@@ -11,6 +11,7 @@ from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts.reach.sensing import HandState
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 LOST_GRASP, LOST_FINGER = 1000.0, 40.0
@@ -53,9 +54,9 @@ def try_out(
         env.restore(snapshot)
         state, least, posture = slot.state, 4, slot.state.joints
         for offset in chunk[last]:
-            posture = kernels.solve_fingertips(slot.state.tips + offset, posture)
-            centres = kernels.pads(state.joints)[0]
-            joints = gripping_joints(posture, state.joints, centres, grip(state))
+            posture = kernels.solve_fingertips(LEAP.tables, slot.state.tips + offset, posture)
+            centres = kernels.pads(LEAP.tables, state.joints)[0]
+            joints = gripping_joints(LEAP, posture, state.joints, centres, grip(state))
             state = slot.held.execute(joints)
             least = min(least, int((state.loads > CONTACT_FORCE).sum()))
         lost, grasp_lost = loaded & (state.loads <= CONTACT_FORCE), least < min(2, int(loaded.sum()))

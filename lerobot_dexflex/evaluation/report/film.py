@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.hand.touch_image import FULL_SCALE, touch_strip
+from lerobot_dexflex.hands import LEAP
 
 STRIDE = 2
 """Every second control step is filmed ..."""
@@ -105,7 +106,7 @@ def _frame(env: gymnasium.Env, observation: Any) -> NDArray[np.uint8]:
     legend = ("wrist camera", "", f"touch, 0-{FULL_SCALE:g} N:", "index, middle,", "ring, thumb")
     for line, text in enumerate(legend):
         _write(canvas, text, (_FRONT + 5, _WRIST + 14 + (0 if line == 0 else 86 + 14 * (line - 2))), _GREY)
-    strip = touch_strip(observation["tactile"])
+    strip = touch_strip(LEAP, observation["tactile"])
     height = _STRIP - 8
     width = round(strip.shape[1] * height / strip.shape[0])
     small = cv2.resize(strip, (width, height), interpolation=cv2.INTER_NEAREST)

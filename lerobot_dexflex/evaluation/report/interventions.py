@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.evaluation.events import Flags, around, contact_events
 from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.evaluation.report.canvas import INK, colour, new_panels, png
-from lerobot_dexflex.hand.model import FINGERS
+from lerobot_dexflex.hands import LEAP
 
 _PERIOD = 0.05
 """Control period [s]."""
@@ -58,7 +58,7 @@ class TraceFile:
             return
         contacts = np.array(self._contacts)
         near = around(contact_events(contacts))
-        trace = Trace(np.array(self._changes), contacts[1:, : len(FINGERS)].sum(1), near)
+        trace = Trace(np.array(self._changes), contacts[1:, : LEAP.n_fingers].sum(1), near)
         self._path.parent.mkdir(parents=True, exist_ok=True)
         np.save(self._path, np.array(trace, float))
 

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.evaluation.outcome import Ended, Motion
-from lerobot_dexflex.hand.leap import FINGERS
-from lerobot_dexflex.hand.touch import TAXELS
 from lerobot_dexflex.hand.touch_image import FULL_SCALE
+from lerobot_dexflex.hands import LEAP
 
 _DRAFT, _SELECTED, _MEASURED = (235, 150, 50), (70, 140, 240), (150, 150, 150)
 
@@ -47,7 +46,7 @@ class RerunLog:
         for camera, image in observation["pixels"].items():
             self._log(f"camera/{camera}", rr.Image(image))
         self._log("touch", self._touch(observation["tactile"]))
-        for finger, force in zip(FINGERS, _forces(observation), strict=True):
+        for finger, force in zip(LEAP.prefixes, _forces(observation), strict=True):
             self._log(f"touch_force/{finger}", rr.Scalars(force))
         self._log("progress", rr.Scalars(float(info["progress"])))
         self._log("success", rr.Scalars(float(info["is_success"])))
@@ -84,8 +83,8 @@ class RerunLog:
 
         A picture made here, as in films, takes OpenCV 20 ms: too long beside a control step.
         """
-        pads = np.asarray(tactile, np.float32).reshape(len(FINGERS), *TAXELS)[:, ::-1]
-        strip = np.pad(pads, ((0, 0), (0, 0), (0, 1))).swapaxes(0, 1).reshape(TAXELS[0], -1)
+        pads = np.asarray(tactile, np.float32).reshape(LEAP.n_fingers, *LEAP.taxels)[:, ::-1]
+        strip = np.pad(pads, ((0, 0), (0, 0), (0, 1))).swapaxes(0, 1).reshape(LEAP.taxels[0], -1)
         colours = self._rr.components.Colormap.Inferno
         return self._rr.DepthImage(strip, meter=1.0, colormap=colours, depth_range=(0.0, FULL_SCALE))
 

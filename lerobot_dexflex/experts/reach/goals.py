@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from lerobot_dexflex.experts.reach.fingers import Mode
 from lerobot_dexflex.experts.reach.operator import Operator
 from lerobot_dexflex.experts.reach.sensing import HandState
-from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.grasp import OBJECT
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
-from lerobot_dexflex.hand.model import FINGERS
 from lerobot_dexflex.hand.poses import pose_error, quaternion_matrix, quaternion_of, quaternion_product
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]
@@ -69,7 +68,7 @@ class GoalDraws:
         self._model = operator.senses.env.model
         self._data = mujoco.MjData(self._model)
         self._object = self._model.body(OBJECT).id
-        self._distal = [self._model.body(f"{finger}_ds").id for finger in FINGERS]
+        self._distal = [self._model.body(name).id for name in LEAP.distal_links]
 
     def draw(
         self,
@@ -119,11 +118,11 @@ class GoalDraws:
         targets[:, ~holding] = now.tips[~holding]
         wanted = torch.from_numpy(targets)
         start = torch.from_numpy(np.tile(now.joints, (len(goals), 1)))
-        joints = solve_fingertips(wanted, start, posture_weight=0.004, iterations=8)
-        error = (wanted - fingertips(joints)).norm(dim=-1).numpy()[:, holding].max(1, initial=0.0)
-        solved = joints.numpy().reshape(-1, 4, 4)
-        margin = np.minimum(solved - kernels.LOWER, kernels.UPPER - solved)[:, holding]
-        short = np.maximum(0.0, _MARGIN - margin.min((1, 2), initial=_MARGIN))
+        joints = solve_fingertips(LEAP, wanted, start, posture_weight=0.004, iterations=8)
+        error = (wanted - fingertips(LEAP, joints)).norm(dim=-1).numpy()[:, holding].max(1, initial=0.0)
+        solved, used = joints.numpy(), holding[LEAP.finger_of_joint]
+        margin = np.minimum(solved - LEAP.joint_lower, LEAP.joint_upper - solved)[:, used]
+        short = np.maximum(0.0, _MARGIN - margin.min(1, initial=_MARGIN))
         return joints.numpy(), error + 0.05 * short
 
     def _blocked(self, joints: Array, goal: Pose) -> bool:

@@ -24,6 +24,7 @@ from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.poses import quaternion_matrix, quaternion_of, quaternion_product, rotation_between
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ LEAST_FORCE = 0.8
 """Smallest normal force of a finger that holds [N]."""
 FRICTION_SHARE = 0.9
 """Share of the friction that the force balance uses."""
-_LOWER, _UPPER = kernels.LOWER.ravel(), kernels.UPPER.ravel()
+_LOWER, _UPPER = LEAP.joint_lower, LEAP.joint_upper
 _EAGERNESS = 0.15
 """Share of the way to the goal that the reference walks per step where that is slower."""
 _PULL, _LARGEST_PULL = (100.0, 0.25), (2.0, 0.05)
@@ -156,7 +157,7 @@ class Operator:
         forces, grip = self._forces(now, points, carrying)
         joints, motion = self._first_step(now, points, carrying)
         tips = self._ahead(now, points, carrying, motion)
-        return Guidance(tips, forces, grip, points, gripping_joints(joints, now.joints, points, grip))
+        return Guidance(tips, forces, grip, points, gripping_joints(LEAP, joints, now.joints, points, grip))
 
     def expect(self, inward: Array, now: HandState) -> None:
         """Take idle fingers for holding where they will touch, along contact normals in the palm frame.
@@ -319,11 +320,11 @@ class Operator:
                 place, speed = destination(fingers, now, k)
                 asked[k] = shortened(place - now.tips[k], speed)
         joints = self._solve(now.joints, points, asked, carrying)
-        return joints, kernels.fingertips(joints) - now.tips
+        return joints, kernels.fingertips(LEAP.tables, joints) - now.tips
 
     def _solve(self, joints: Array, points: Array, asked: Array, carrying: NDArray[np.bool_]) -> Array:
         """Return joints [rad] (16,) that move contact points, or the tips of free fingers, as asked [m]."""
-        origins, axes, _ = kernels.frames(joints)
+        origins, axes, _ = kernels.frames(LEAP.tables, joints)
         solved = joints.copy()
         for k in range(4):
             part = slice(4 * k, 4 * k + 4)

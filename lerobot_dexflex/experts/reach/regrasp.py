@@ -8,13 +8,14 @@ from lerobot_dexflex.experts.reach.balance import balance_forces
 from lerobot_dexflex.experts.reach.fingers import Holder, Mode
 from lerobot_dexflex.experts.reach.sensing import HandState
 from lerobot_dexflex.hand import kernels
-from lerobot_dexflex.hand.contacts import NOMINAL_JOINTS, solve_pads
+from lerobot_dexflex.hand.contacts import solve_pads
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.poses import quaternion_matrix
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
-_NOMINAL = np.array(NOMINAL_JOINTS)
+_NOMINAL = np.array(LEAP.nominal_joints)
 _POINTS = 40
 _MAX_DISTANCE, _MIN_ALIGNMENT, _MIN_SPACING = 0.004, 0.6, 0.024
 _MAX_RESIDUAL, _FIRM_RESIDUAL, _FIRM_LOAD = 0.5, 0.15, 0.2
@@ -49,7 +50,7 @@ def regrasp_points(
     goal, goal_quaternion = holder.goal
     rotation = quaternion_matrix(goal_quaternion)
     at_goal, at_now = points @ rotation.T + goal, points @ now.rotation.T + now.position
-    home = kernels.fingertips(_NOMINAL)[finger]
+    home = kernels.fingertips(LEAP.tables, _NOMINAL)[finger]
     cost = np.linalg.norm(at_goal - home, axis=1) + 0.5 * np.linalg.norm(at_now - now.tips[finger], axis=1)
     cost += 0.008 * np.abs(rng.normal(size=len(points)))
     close = np.linalg.norm(at_now[:, None] - now.points[others], axis=-1).min(1) < _MIN_SPACING
@@ -60,13 +61,14 @@ def regrasp_points(
     shape = (len(order), 4, 3)
     joints = np.broadcast_to(now.joints, (len(order), 16)).copy()
     solution = solve_pads(
+        LEAP,
         torch.from_numpy(np.broadcast_to(at_now[order][:, None], shape).copy()),
         torch.from_numpy(np.broadcast_to((normals[order] @ now.rotation.T)[:, None], shape).copy()),
         torch.from_numpy(joints),
         iterations=8,
     )
     fits = (solution.distance[:, finger] < _MAX_DISTANCE) & (solution.alignment[:, finger] > _MIN_ALIGNMENT)
-    tips = fingertips(solution.joints)[:, finger].numpy()
+    tips = fingertips(LEAP, solution.joints)[:, finger].numpy()
     found = []
     for k in np.flatnonzero(fits.numpy()):
         point, inward = at_now[order[k]], -now.rotation @ normals[order[k]]

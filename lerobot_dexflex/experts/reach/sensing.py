@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.hand.grasp import OBJECT
-from lerobot_dexflex.hand.model import FINGERS
 from lerobot_dexflex.hand.poses import quaternion_matrix
 from lerobot_dexflex.hand.surfaces import surface_samples
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -73,8 +73,8 @@ class FingerContacts:
     def __init__(self, model: mujoco.MjModel, body: int) -> None:
         self._model, self._body = model, body
         self._finger = np.full(model.nbody, -1)
-        for k, finger in enumerate(FINGERS):
-            self._finger[model.body(f"{finger}_ds").id] = k
+        for k, name in enumerate(LEAP.distal_links):
+            self._finger[model.body(name).id] = k
 
     def sums(self, data: mujoco.MjData) -> tuple[Array, Array, Array]:
         """Return normal forces [N] (4,), and contact points [m] and normals weighted by them, each (4, 3).
@@ -106,7 +106,7 @@ class Senses:
         self.friction = env.episode.object_spec.friction
         self._object = model.body(OBJECT).id
         self._contacts = FingerContacts(model, self._object)
-        self._tips = [model.site(f"{finger}_tip").id for finger in FINGERS]
+        self._tips = [model.site(f"{finger}_tip").id for finger in LEAP.prefixes]
 
     @property
     def gravity(self) -> Array:

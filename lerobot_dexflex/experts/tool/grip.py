@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.contacts import solve_pads
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -66,11 +67,12 @@ def grip_handle(
     if beside is not None:
         surface += np.array(beside)[:, None] * np.cross(handle.axis, inward)
     solved = solve_pads(
+        LEAP,
         torch.from_numpy(np.stack([surface, surface - room * inward])),
         torch.from_numpy(np.stack([-inward] * 2)),
         torch.from_numpy(np.stack([seed] * 2)),
         iterations=20,
     )
-    used = np.isin(np.arange(4), fingers)
-    joints = np.where(np.repeat(used, 4), solved.joints.numpy(), idle)
+    used = np.isin(np.arange(LEAP.n_fingers), fingers)
+    joints = np.where(used[LEAP.finger_of_joint], solved.joints.numpy(), idle)
     return Grip(joints[1], joints[0], inward * used[:, None])

@@ -12,8 +12,8 @@ from lerobot_dexflex.experts.tool.grip import Grip
 from lerobot_dexflex.experts.tool.senses import ToolSenses
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.hand.model import HAND_RELAXED
 from lerobot_dexflex.hand.poses import pose_error
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 MARGIN = (1.3, 2.5)
@@ -49,7 +49,7 @@ class OperatorHand:
 
     def relax(self, steps: int, after: int = 0) -> None:
         """Let the fingers go back to rest in so many steps, after keeping still for some."""
-        self.go(np.array(HAND_RELAXED), steps)
+        self.go(np.array(LEAP.relaxed_joints), steps)
         self._path = np.concatenate([np.repeat(self._path[:1], after, 0), self._path])
 
     def grip(self, grip: Grip, preload: float | None = None, friction_share: float | None = None) -> None:
@@ -143,4 +143,4 @@ class OperatorHand:
         path = self._path
         self._path = path[1:] if len(path) > 1 else path
         ahead = np.minimum(np.arange(DRAFT_HORIZON), len(self._path) - 1)
-        return self._path[0], kernels.fingertips(self._path[ahead])
+        return self._path[0], kernels.fingertips(LEAP.tables, self._path[ahead])

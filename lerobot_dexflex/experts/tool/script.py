@@ -10,6 +10,7 @@ from lerobot_dexflex.experts.command import Array, Command, Unsteadiness, min_je
 from lerobot_dexflex.experts.tool.grip import Grip
 from lerobot_dexflex.experts.tool.hand import OperatorHand
 from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix, rotation_vector
+from lerobot_dexflex.hands import LEAP
 
 PALM_DOWN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Orientation of the palm over a table: fingers down, palm y away from the robot."""
@@ -45,7 +46,7 @@ class Script:
         self._env, self.hand = env, hand
         self._grasp_centre = grasp_centre
         self._arm = env.command[:7]
-        self._kinematics = ArmKinematics(grasp_centre, self._arm)
+        self._kinematics = ArmKinematics(LEAP, grasp_centre, self._arm)
         scale = np.concatenate([np.full(7, _ARM_NOISE), np.full(16, _HAND_NOISE)])
         self._noise = Unsteadiness(rng, scale)
         self.care = self._share = 1.0

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.experts.reach.sensing import FingerContacts, HandState
-from lerobot_dexflex.hand.model import FINGERS, HAND_JOINTS
 from lerobot_dexflex.hand.objects import ObjectSpec
 from lerobot_dexflex.hand.surfaces import surface_samples
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -42,8 +42,8 @@ class ToolSenses:
         self.mass = float(model.body_subtreemass[self._body])
         self._palm = model.body("palm").id
         self._contacts = FingerContacts(model, self._body)
-        self._tips = [model.site(f"{finger}_tip").id for finger in FINGERS]
-        self._joints = [model.joint(name).qposadr[0] for name in HAND_JOINTS]
+        self._tips = [model.site(f"{finger}_tip").id for finger in LEAP.prefixes]
+        self._joints = [model.joint(name).qposadr[0] for name in LEAP.joint_names]
 
     @property
     def gravity(self) -> Array:

@@ -9,11 +9,10 @@ from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.experts.reach.chains import HeldObject
 from lerobot_dexflex.experts.reach.fingers import Mode
 from lerobot_dexflex.experts.reach.goals import ANGLE, DISTANCE, INSIDE, RADIUS, GoalDraws, draw_goal
-from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.grasp import OBJECT
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
-from lerobot_dexflex.hand.model import FINGERS
 from lerobot_dexflex.hand.poses import pose_error, quaternion_matrix
+from lerobot_dexflex.hands import LEAP
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -69,12 +68,14 @@ def assert_within_reach(held, now, pose):
     holding = fingers.mode == Mode.HOLD
     places = pose[0] + fingers.anchor @ quaternion_matrix(pose[1]).T
     wanted = torch.from_numpy(np.where(holding[:, None], places, now.tips))[None]
-    joints = solve_fingertips(wanted, torch.from_numpy(now.joints)[None], posture_weight=0.004, iterations=8)
-    missed = (fingertips(joints) - wanted).norm(dim=-1)[0].numpy()
+    joints = solve_fingertips(
+        LEAP, wanted, torch.from_numpy(now.joints)[None], posture_weight=0.004, iterations=8
+    )
+    missed = (fingertips(LEAP, joints) - wanted).norm(dim=-1)[0].numpy()
     assert missed[holding].max() < 0.003
     angles = joints.numpy().reshape(4, 4)[holding]
-    assert (angles >= kernels.LOWER[holding]).all()
-    assert (angles <= kernels.UPPER[holding]).all()
+    assert (angles >= LEAP.joint_lower.reshape(4, 4)[holding]).all()
+    assert (angles <= LEAP.joint_upper.reshape(4, 4)[holding]).all()
     model = held.env.model
     data = mujoco.MjData(model)
     data.qpos[:] = (*joints[0].numpy(), *pose[0], *pose[1])
@@ -84,7 +85,7 @@ def assert_within_reach(held, now, pose):
         names = [model.body(model.geom_bodyid[geom]).name for geom in contact.geom]
         if OBJECT in names and contact.dist < 0:
             touched |= set(names) - {OBJECT}
-    assert touched <= {f"{finger}_ds" for finger in FINGERS}
+    assert touched <= {f"{finger}_ds" for finger in LEAP.prefixes}
 
 
 def test_a_goal_that_no_finger_reaches_is_called_infeasible_and_the_nearest_is_given(held):

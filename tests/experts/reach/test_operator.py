@@ -11,6 +11,7 @@ from lerobot_dexflex.experts.reach.paths import LIFT_HEIGHT, LIFT_STEPS, SWING_S
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.poses import pose_error, quaternion_of, quaternion_product
+from lerobot_dexflex.hands import LEAP
 
 SEEDS = (50_003, 50_006, 50_010)
 FOUR, FINGER = 50_014, 1
@@ -155,8 +156,8 @@ def test_a_parked_finger_is_to_stay_where_it_is_parked(held):
 def test_the_first_step_is_where_its_joints_lead_beside_the_grip(held):
     now = held.senses.read()
     guidance = held.operator.guide(now)
-    torques = kernels.contact_torques(now.joints, guidance.points, guidance.grip)
-    reached = kernels.fingertips(guidance.joints - torques / 3.0)
+    torques = kernels.contact_torques(LEAP.tables, now.joints, guidance.points, guidance.grip)
+    reached = kernels.fingertips(LEAP.tables, guidance.joints - torques / 3.0)
     assert np.linalg.norm(reached - guidance.tips[0], axis=1).max() <= 1e-9
 
 
