@@ -12,9 +12,6 @@ from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.hand.kinematics import finger_frames, fingertips, joint_limits
 from lerobot_dexflex.hands import LEAP
 
-JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
-
-
 _FINGERS = 4
 _TOUCH_FEATURES = 48
 _HEADS = 4
@@ -121,9 +118,10 @@ class Encoder(nn.Module):
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
         self.config = config
-        center = (JOINT_LOWER + JOINT_UPPER) / 2
+        lower, upper = joint_limits(LEAP)
+        center = (lower + upper) / 2
         self.register_buffer("joint_center", center.float(), persistent=False)
-        self.register_buffer("joint_range", ((JOINT_UPPER - JOINT_LOWER) / 2).float(), persistent=False)
+        self.register_buffer("joint_range", ((upper - lower) / 2).float(), persistent=False)
         self.register_buffer("tip_center", fingertips(LEAP, center[None])[0].float(), persistent=False)
         frames = len(config.frames)
         self.touch = TouchNet(config)

@@ -47,6 +47,10 @@ class PairTest(NamedTuple):
     p_anytime_holm: float | None
     """min(1, 1 / e_value), adjusted likewise; None where n did not grow."""
 
+    def concerns(self, method: str) -> bool:
+        """Say whether a method is one of the two; an empty name asks for any."""
+        return not method or method in (self.first, self.second)
+
 
 @dataclass(frozen=True)
 class Summary:

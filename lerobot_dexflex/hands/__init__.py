@@ -1,8 +1,8 @@
 """Hands as data: their numbers and how to get one by name."""
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands.body import PALM as PALM
 from lerobot_dexflex.hands.finger import Finger as Finger
-from lerobot_dexflex.hands.hand import PALM as PALM
 from lerobot_dexflex.hands.hand import Hand as Hand
 from lerobot_dexflex.hands.leap import LEAP as LEAP
 from lerobot_dexflex.hands.sharpa import SHARPA as SHARPA

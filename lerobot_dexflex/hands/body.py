@@ -5,6 +5,9 @@ from typing import NamedTuple
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
+PALM = "palm"
+"""Name of the body that carries the fingers of every hand; its frame is the palm frame."""
+
 
 class Inertia(NamedTuple):
     """Mass [kg], centre of mass [m], principal frame (w x y z) and principal moments [kg m^2] of a link."""

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hands.body import Link, Motor, Quaternion, Shape, Vector3
+from lerobot_dexflex.hands.body import PALM, Link, Motor, Quaternion, Shape, Vector3
 
 _UNIT_TOLERANCE = 1e-6
 
@@ -22,7 +22,7 @@ class Finger:
     prefix: str
     """Begins the names of the finger's sites and sensors in the model, as "if"; unique within the hand."""
     links: tuple[Link, ...]
-    """Links from the palm outward: the first hangs on the body "palm", every other on the one before it."""
+    """Links from the palm outward: the first hangs on the body `PALM`, every other on the one before it."""
     motors: tuple[Motor, ...]
     """Motor of each link's joint, in the order of `links`."""
     collision: tuple[tuple[Shape, ...], ...]
@@ -55,7 +55,7 @@ class Finger:
                 f"`pad_half_size` of finger '{self.name}' must be positive [m]. Got {self.pad_half_size}."
             )
         _check_quaternion(f"`pad_quaternion` of finger '{self.name}'", self.pad_quaternion)
-        parent = "palm"
+        parent = PALM
         for link, motor in zip(self.links, self.motors, strict=True):
             if link.parent != parent:
                 raise DexFlexError(

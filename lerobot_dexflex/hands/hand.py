@@ -10,14 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hands.body import Box, Inertia, Link, Motor, Quaternion, Shape, Vector3
+from lerobot_dexflex.hands.body import PALM, Box, Inertia, Link, Motor, Quaternion, Shape, Vector3
 from lerobot_dexflex.hands.finger import Finger
 from lerobot_dexflex.hands.tables import Tables, tables_of
 
 Array = NDArray[np.float64]
-
-PALM = "palm"
-"""Name of the body that carries the fingers of every hand; its frame is the palm frame."""
 
 
 @dataclass(frozen=True)

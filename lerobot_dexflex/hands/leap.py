@@ -6,7 +6,7 @@ over; the collision boxes are our own approximation of the meshes.
 
 import math
 
-from lerobot_dexflex.hands.body import Box, Inertia, Link, Motor, Rod, Vector3
+from lerobot_dexflex.hands.body import PALM, Box, Inertia, Link, Motor, Rod, Vector3
 from lerobot_dexflex.hands.finger import Finger
 from lerobot_dexflex.hands.hand import Hand
 
@@ -75,7 +75,7 @@ _H = 0.5
 
 def _links(name: str, knuckle: Vector3, distal_y: float = -0.0361) -> tuple[Link, ...]:
     return (
-        Link(f"{name}_bs", "palm", knuckle, (_H, _H, _H, -_H), _BASE, f"{name}_mcp", (-0.314, 2.23), _AXIS),
+        Link(f"{name}_bs", PALM, knuckle, (_H, _H, _H, -_H), _BASE, f"{name}_mcp", (-0.314, 2.23), _AXIS),
         Link(
             f"{name}_px",
             f"{name}_bs",
@@ -112,7 +112,7 @@ def _links(name: str, knuckle: Vector3, distal_y: float = -0.0361) -> tuple[Link
 _THUMB_LINKS = (
     Link(
         "th_mp",
-        "palm",
+        PALM,
         (-0.0693, -0.0012, -0.0216),
         (1, 0, 1, 0),
         _PROXIMAL,

@@ -12,7 +12,7 @@ look along +y of the distal links.
 
 import math
 
-from lerobot_dexflex.hands.body import Box, Inertia, Link, Motor, Quaternion, Rod, Shape, Vector3
+from lerobot_dexflex.hands.body import PALM, Box, Inertia, Link, Motor, Quaternion, Rod, Shape, Vector3
 from lerobot_dexflex.hands.finger import Finger
 from lerobot_dexflex.hands.hand import Hand
 
@@ -163,19 +163,19 @@ _MOUNTED: Quaternion = (_H, -_H, -_H, -_H)
 _MOTORS = (_MCP_FE, _MCP_AA, _PIP, _DIP)
 _INDEX = _finger(
     "index",
-    _phalanges("index", "palm", (0.001, 0.0303, 0.0959), _MOUNTED),
+    _phalanges("index", PALM, (0.001, 0.0303, 0.0959), _MOUNTED),
     _MOTORS,
     _shapes(0.01048, 0.01042),
 )
 _MIDDLE_FINGER = _finger(
     "middle",
-    _phalanges("middle", "palm", (0.0, 0.01, 0.0989), _MOUNTED),
+    _phalanges("middle", PALM, (0.0, 0.01, 0.0989), _MOUNTED),
     _MOTORS,
     _shapes(0.00935, 0.00941),
 )
 _RING = _finger(
     "ring",
-    _phalanges("ring", "palm", (0.0015, -0.0103, 0.0929), _MOUNTED),
+    _phalanges("ring", PALM, (0.0015, -0.0103, 0.0929), _MOUNTED),
     _MOTORS,
     _shapes(0.00935, 0.00941),
 )
@@ -184,7 +184,7 @@ _PINKY = _finger(
     (
         Link(
             "pinky_MC",
-            "palm",
+            PALM,
             (0.01136, -0.0263, 0.0869),
             (0, 0, 0, 1),
             _PINKY_METACARPAL,
@@ -203,7 +203,7 @@ _THUMB = Finger(
     links=(
         Link(
             "thumb_CMC_VL",
-            "palm",
+            PALM,
             (0.01, 0.026, 0.0214),
             (0, _S, _S, 0),
             _THUMB_KNUCKLE,

@@ -144,18 +144,16 @@ def details_markdown(summary: Summary, against: str = "") -> str:
         summary: What a table tells.
         against: Show only the tests against this method; all of them if empty.
     """
-    rows = [[f"`{name}`", *cells] for name, *cells in detail_rows(summary)]
-    parts = [as_markdown(["interface", *DETAIL_HEADER[1:]], rows)]
-    if shown := [t for t in summary.tests if not against or against in (t.first, t.second)]:
+    parts = [_by_interface(DETAIL_HEADER, detail_rows(summary))]
+    if shown := [test for test in summary.tests if test.concerns(against)]:
         parts.append(as_markdown(pair_header(summary), pair_rows(replace(summary, tests=tuple(shown)))))
     return "\n\n".join([*parts, f"{about(summary)} {MEANINGS}"])
 
 
 def selectivity_markdown(summary: Summary) -> str:
     """Return how much the methods change drafts around contact events and in calm."""
-    rows = [[f"`{name}`", *cells] for name, *cells in selectivity_rows(summary)]
     return (
-        as_markdown(["interface", *SELECTIVITY_HEADER[1:]], rows)
+        _by_interface(SELECTIVITY_HEADER, selectivity_rows(summary))
         + f"\n\n{about(summary)} At contacts: within a quarter of a second of a finger, or anything else, "
         "that touched the object or left it; in calm: all other steps with the object in hand. Change: mean "
         "||selected - draft|| of the fingertips; intervention: the same by ||draft||; means over episodes, "
@@ -171,12 +169,11 @@ def about(summary: Summary) -> str:
 
 def rates_markdown(summary: Summary) -> str:
     """Return success by method and column, and the paired tests over all episodes in a sentence."""
-    rows = [[f"`{name}`", *cells] for name, *cells in rate_rows(summary)]
     tests = (
         f" Exact McNemar tests over all episodes (Holm): {pairs_sentence(summary)}" if summary.tests else ""
     )
     return (
-        as_markdown(["interface", *rate_header(summary)[1:]], rows)
+        _by_interface(rate_header(summary), rate_rows(summary))
         + f"\n\nSuccess with Wilson 95 % intervals; {_episodes(summary)} paired episodes per cell.{tests}"
     )
 
@@ -205,7 +202,7 @@ def pairs_sentence(summary: Summary) -> str:
     Of more than five methods, only the last one's tests are told; Holm's adjustment is over all pairs.
     """
     last, few = summary.methods[-1], len(summary.methods) <= _MANY
-    tests = [test for test in summary.tests if few or last in (test.first, test.second)]
+    tests = [test for test in summary.tests if few or test.concerns(last)]
     text = _differing([(test, test.p_value_holm) for test in tests]) + "."
     looked = [(test, p) for test in tests if (p := test.p_anytime_holm) is not None]
     if looked:
@@ -220,6 +217,11 @@ def as_markdown(header: Sequence[str], rows: Rows) -> str:
     """Return a table in Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _by_interface(header: Sequence[str], rows: Rows) -> str:
+    """Return a table of methods in Markdown as documents have it: they are interfaces, their names code."""
+    return as_markdown(["interface", *header[1:]], [[f"`{name}`", *cells] for name, *cells in rows])
 
 
 def mean_text(metric: Mean | None, digits: int, sign: str = "") -> str:

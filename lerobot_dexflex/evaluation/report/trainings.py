@@ -49,7 +49,7 @@ def _pairs(found: OverTrainings, against: str) -> str:
             *_each(pair.each, "+"),
         ]
         for pair in found.pairs
-        if not against or against in (pair.test.first, pair.test.second)
+        if pair.test.concerns(against)
     ]
     return as_markdown([*_PAIR_HEADER, *_each_header(found)], rows)
 
