@@ -1,7 +1,7 @@
 """Kind 2: turn an object that a hinge carries, stroke by stroke, and go back with the fingers in between.
 
-So are screws, nuts, knobs and lids turned: the fingers lead the object farther ahead than one that they carry,
-leave it all together, and take hold of it again where they began.
+So are screws, nuts, knobs and lids turned: the fingers lead the object farther ahead than one that they
+carry, leave it all together, and take hold of it again where they began.
 """
 
 from functools import partial

@@ -1,4 +1,4 @@
-"""What differs from episode to episode beside object and grasp: servos, sensors, pushes, slips, supports, a hinge.
+"""What differs from episode to episode beside object and grasp: servos, sensors, pushes, slips, fixtures.
 
 Everything is stored with the episode, so that a replay rebuilds the same simulator.
 """
