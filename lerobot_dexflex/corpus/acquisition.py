@@ -36,8 +36,8 @@ _RETREAT_INCREMENTS = 12
 _ATTEMPTS = 4
 _OVERLAP = 0.0005
 _TOUCHED = 2 * CONTACT_FORCE
-_CLOSE_STEPS, _RAMP_STEPS, _RELEASE_STEPS = 36, 6, 3
-"""Longest duration of closing, and the steps in which a finger's force builds up and goes."""
+_CLOSE_STEPS, _RELEASE_STEPS = 36, 3
+"""Longest duration of closing, and the steps in which a finger's force goes."""
 _DEPTH = (-0.0015, 0.004)
 """How deep the ways in lead into the object [m]: fingers stop where they touch, or just before."""
 _MAX_STEP = 0.006
@@ -101,11 +101,20 @@ def open_episode(
 class Acquisition:
     """Approach, close, squeeze, carry, give back, let go, retreat; satisfies `Leader`.
 
+    Subclasses do something else with what they have grasped.
+
     Args:
         opening: The way in.
         rng: Source of randomness: paces, pauses, how long to carry.
         strength: Factor of the executed squeeze.
     """
+
+    APPROACH, CLOSE, SQUEEZE, LET_GO = (12, 26), (8, 18), (6, 14), (10, 24)
+    """Control steps of these phases, the upper ends excluded."""
+    LATE, DELAY = 6, (2, 12)
+    """By how much later than the first the others may come, and leave [control steps]."""
+    RAMP = 6
+    """Steps in which a finger's force builds up."""
 
     def __init__(self, opening: Opening, rng: np.random.Generator, strength: float = 1.0) -> None:
         self._opening, self._rng, self._strength = opening, rng, strength
@@ -119,8 +128,8 @@ class Acquisition:
         self._timer = 0
         self._start, self._target = np.zeros((2, 4, 3))
         self._duration = 0
-        self._delay = rng.integers(0, 6, 4)
-        self._touched = ~opening.active
+        self._delay = np.zeros(4, int)
+        self._touched = np.zeros(4, bool)
         self._pressed = np.zeros(4)
         self._squeezed, self._held = np.zeros((2, 4, 3))
         self._operator: Operator | None = None
@@ -142,7 +151,9 @@ class Acquisition:
     def _approach(self, run: RunningEpisode) -> Guidance | None:
         """Bring the pads in front of the object, one finger later than another."""
         if self._timer == 0:
-            self._begin(run, self._opening.near, 12, 26)
+            self._begin(run, self._opening.near, self.APPROACH)
+            self._delay = self._rng.integers(0, self.LATE, 4)
+            self._touched, self._pressed = ~self._opening.active, np.zeros(4)
         if self._timer >= self._duration + self._delay.max():
             return None
         return self._on_the_way(run)
@@ -152,7 +163,7 @@ class Acquisition:
         active, inward = self._opening.active, self._opening.inward
         if self._timer == 0:
             depth = self._rng.uniform(*_DEPTH, (4, 1))
-            self._begin(run, self._opening.closed + depth * inward, 8, 18)
+            self._begin(run, self._opening.closed + depth * inward, self.CLOSE)
             self._squeezed[active], _ = balance_forces(
                 self._opening.closed[active],
                 inward[active],
@@ -166,9 +177,9 @@ class Acquisition:
         arrived = self._timer >= self._duration + self._delay
         pressing = active & (self._touched | (arrived & (run.now.loads > _TOUCHED).any()))
         self._pressed += pressing
-        if (self._pressed[active] > _RAMP_STEPS).all() or self._timer >= _CLOSE_STEPS:
+        if (self._pressed[active] > self.RAMP).all() or self._timer >= _CLOSE_STEPS:
             return None
-        forces = np.minimum(1.0, self._pressed / _RAMP_STEPS)[:, None] * self._squeezed
+        forces = np.minimum(1.0, self._pressed / self.RAMP)[:, None] * self._squeezed
         return self._on_the_way(run, waiting=self._touched, forces=forces)
 
     def _squeeze(self, run: RunningEpisode) -> Guidance | None:
@@ -176,7 +187,7 @@ class Acquisition:
         if self._timer == 0:
             self._operator = Operator(run.senses, self._rng, self._strength)
             self._operator.expect(self._opening.inward, run.now)
-            self._duration = int(self._rng.integers(6, 14))
+            self._duration = int(self._rng.integers(*self.SQUEEZE))
         assert self._operator is not None
         return None if self._timer >= self._duration else self._operator.guide(run.now)
 
@@ -186,28 +197,33 @@ class Acquisition:
             run.env.world.supports[-1].stop = run.env.clock
             steps = int(self._rng.integers(15, 60))
             self._follower = GoalFollower(run, self._rng, steps, self._strength)
+            self._operator = self._follower.operator
         assert self._follower is not None
         return self._follower.guide(run)
 
     def _let_go(self, run: RunningEpisode) -> Guidance | None:
-        """Give the object back to a fixture where it is and take the pads away, one later than another."""
+        """Give the object back and take the pads away, one later than another."""
         if self._timer == 0:
-            softness = float(self._rng.uniform(*_SOFTNESS))
-            pose = tuple(run.now.position.tolist()), tuple(run.now.quaternion.tolist())
-            run.env.world.supports.append(Support(run.env.clock, None, *pose, softness))
-            assert self._follower is not None
-            self._held = self._follower.operator.guide(run.now).forces
+            self._give_back(run)
+            assert self._operator is not None
+            self._held = self._operator.guide(run.now).forces
             away = self._rng.uniform(*_OPENING, (4, 1)) * run.now.inward
-            self._begin(run, run.now.tips - away, 10, 24)
-            self._delay = self._rng.integers(2, 12, 4)
+            self._begin(run, run.now.tips - away, self.LET_GO)
+            self._delay = self._rng.integers(*self.DELAY, 4)
         if self._timer >= self._duration + self._delay.max():
             return None
         share = np.clip((self._delay - self._timer) / _RELEASE_STEPS, 0, 1)[:, None]
         return self._on_the_way(run, forces=share * self._held)
 
-    def _begin(self, run: RunningEpisode, target: Array, shortest: int, longest: int) -> None:
+    def _give_back(self, run: RunningEpisode) -> None:
+        """Let a fixture carry the object where it is."""
+        softness = float(self._rng.uniform(*_SOFTNESS))
+        pose = tuple(run.now.position.tolist()), tuple(run.now.quaternion.tolist())
+        run.env.world.supports.append(Support(run.env.clock, None, *pose, softness))
+
+    def _begin(self, run: RunningEpisode, target: Array, steps: tuple[int, int]) -> None:
         self._start, self._target = run.now.tips.copy(), target
-        self._duration = int(self._rng.integers(shortest, longest))
+        self._duration = int(self._rng.integers(*steps))
 
     def _on_the_way(
         self,

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED
+from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED, TURNED
 from lerobot_dexflex.errors import DexFlexError
 
 FIRST_SEED = {"train": 0, "tune": 10_000, "test": 20_000}
@@ -29,10 +29,12 @@ class Jobs:
 class Shares:
     """Shares of the kept control steps."""
 
-    operated: float = 0.85
+    operated: float = 0.65
     """The operator leads the object to goals under spoilt drafts, pushes and slips, with clean stretches."""
     acquired: float = 0.15
     """Taking from a fixture and giving back."""
+    turned: float = 0.2
+    """Turning what a hinge carries, stroke by stroke with regrasps."""
 
     def __post_init__(self) -> None:
         shares = list(self.by_kind.values())
@@ -42,7 +44,7 @@ class Shares:
     @property
     def by_kind(self) -> dict[int, float]:
         """Shares by kind of episode."""
-        return {OPERATED: self.operated, ACQUIRED: self.acquired}
+        return {OPERATED: self.operated, ACQUIRED: self.acquired, TURNED: self.turned}
 
 
 @dataclass

@@ -23,24 +23,31 @@ _STRENGTHS = {
 """Range of every family: [m], [1], [control steps], [m] per step, [m]."""
 _SHARES = (0.2, 0.1, 0.1, 0.5, 0.1)
 """Removals most: they alone take a contact away."""
+_TWO_SHARE = 0.3
+"""How often two families come together, as people's errors do."""
 
 
 def sample_errors(
     rng: np.random.Generator, clean_share: float = _CLEAN_SHARE, even: bool = False
 ) -> CommandErrors:
-    """Draw a family and a strength; a share stays clean.
+    """Draw families and their strengths; a share stays clean.
 
     Args:
         rng: Source of randomness.
         clean_share: How often nothing goes wrong.
-        even: Whether all families are as likely; else as in the corpus.
+        even: Whether all families are as likely, one at a time; else as in the corpus, sometimes two.
     """
     if rng.random() < clean_share:
         return NO_ERRORS
-    family = str(rng.choice(list(_STRENGTHS), p=None if even else _SHARES))
+    count = 2 if not even and rng.random() < _TWO_SHARE else 1
+    families = rng.choice(list(_STRENGTHS), count, replace=False, p=None if even else _SHARES)
+    return CommandErrors(tuple(_draw_strength(str(family), rng) for family in sorted(families)))
+
+
+def _draw_strength(family: str, rng: np.random.Generator) -> CommandError:
     low, high = _STRENGTHS[family]
     strength = float(rng.integers(low, high + 1)) if family == "delay" else float(rng.uniform(low, high))
-    return CommandErrors((CommandError(family, strength),))
+    return CommandError(family, strength)
 
 
 _LARGEST_UNSTEADINESS, _STEADINESS = 0.5, 0.8

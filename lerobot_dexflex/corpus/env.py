@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.corpus.world import World, WorldPhysics
+from lerobot_dexflex.corpus.world import World, WorldPhysics, add_hinge
 from lerobot_dexflex.envs.hand_env import Snapshot
 from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
 from lerobot_dexflex.errors import DexFlexError
@@ -43,7 +43,7 @@ class CorpusEnv(ReachEnv):
     @property
     def supported(self) -> bool:
         """Whether something else than the hand carries the object now."""
-        return self._world_physics.support_at(self.clock) is not None
+        return self.world.hinge is not None or self._world_physics.support_at(self.clock) is not None
 
     def start(self, episode: ReachEpisode, world: World) -> dict[str, Any]:
         """Start an episode; returns the first observation."""
@@ -88,6 +88,11 @@ class CorpusEnv(ReachEnv):
     def _load(self, episode: ReachEpisode) -> None:
         super()._load(episode)
         self._world_physics = WorldPhysics(self.model, self.world)
+
+    def _build(self, episode: ReachEpisode) -> mujoco.MjSpec:
+        spec = super()._build(episode)
+        add_hinge(spec)
+        return spec
 
     def _initialise(self, episode: ReachEpisode) -> None:
         super()._initialise(episode)

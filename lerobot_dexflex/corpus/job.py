@@ -13,8 +13,9 @@ from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.goal_follower import GoalFollower
 from lerobot_dexflex.corpus.manifest import kind_key
-from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED
+from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED, TURNED
 from lerobot_dexflex.corpus.shard import Shard, concatenate, shard_path, write_shard
+from lerobot_dexflex.corpus.turning import Turning, find_turn
 from lerobot_dexflex.corpus.world import World, vary_object
 from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
@@ -30,6 +31,8 @@ _DISTORTED = 0.3
 _DISTURBED = 0.7
 _ACQUISITION_STEPS = 150
 """About how long an acquisition takes."""
+_LEAST_TURNED = 0.5
+"""Share of the wanted turn below which strokes have failed."""
 _STRENGTH = (0.6, 1.8)
 """Factor of the squeeze that is executed: the right grip has to be felt."""
 
@@ -115,6 +118,30 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
         yield run.finish()._replace(totals={"acquisitions": 1, "released": int(facts["released"])})
 
 
+def _turned(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Iterator[Shard]:
+    for seed, episode, rng in _rounds(config, episodes, TURNED):
+        opening = find_opening(env, episode, rng)
+        turn = None if opening is None else find_turn(opening, episode, rng)
+        if opening is None or turn is None:
+            continue
+        world, errors, strength = World.sample(rng), sample_errors(rng), float(rng.uniform(*_STRENGTH))
+        world.hinge = turn.hinge
+        varied = _varied(episode, rng)
+        if rng.random() < _DISTURBED:
+            world.disturb(rng, _ACQUISITION_STEPS, varied.object_spec.mass)
+        joints = tuple(opening.joints.tolist())
+        opened = replace(varied, hand_joints=joints, joint_targets=joints)
+        facts = {"seed": seed, "errors": errors.name, "strength": strength}
+        run = RunningEpisode(env, opened, world, TURNED, facts)
+        leader = Turning(opening, rng, strength, turn)
+        run.run(leader, Distortion(errors, rng), UnsteadyGrip(rng))
+        if leader.done < _LEAST_TURNED * leader.wanted:
+            continue  # Links were in the way, or the fingers slid: nothing to learn from.
+        totals = {"strokes": leader.strokes, "strokes_rad": leader.wanted, "turned_rad": leader.done}
+        facts.update(totals)
+        yield run.finish()._replace(totals=totals)
+
+
 def _varied(episode: ReachEpisode, rng: np.random.Generator) -> ReachEpisode:
     return replace(episode, object_spec=vary_object(episode.object_spec, rng))
 
@@ -132,4 +159,5 @@ def _contact_patterns(shard: Shard) -> dict[str, float]:
 _SOURCES: dict[int, Callable[[CorpusConfig, CorpusEnv, Episodes], Iterator[Shard]]] = {
     OPERATED: _operated,
     ACQUIRED: _acquired,
+    TURNED: _turned,
 }

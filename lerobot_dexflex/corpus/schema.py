@@ -15,8 +15,8 @@ FORMAT = "2"
 SNAPSHOT_INTERVAL = 8
 """Control steps from one kept simulator state to the next."""
 
-OPERATED, ACQUIRED = range(2)
-KINDS = ("operator", "acquisition and release")
+OPERATED, ACQUIRED, TURNED = range(3)
+KINDS = ("operator", "acquisition and release", "strokes on a hinge")
 """Meaning of the column `kind`."""
 
 

@@ -1,4 +1,4 @@
-"""What differs from episode to episode beside object and grasp: servos, sensors, pushes, slips, supports.
+"""What differs from episode to episode beside object and grasp: servos, sensors, pushes, slips, fixtures.
 
 Everything is stored with the episode, so that a replay rebuilds the same simulator.
 """
@@ -69,6 +69,22 @@ class Support:
     """Time constant of the fixture [s]."""
 
 
+@dataclass(frozen=True)
+class Hinge:
+    """A bearing that carries the object throughout and lets it turn about one axis, against dry friction."""
+
+    position: tuple[float, ...]
+    """Of the object when the episode begins, through which the axis runs [m]."""
+    quaternion: tuple[float, ...]
+    """Orientation of the object then (w x y z)."""
+    axis: tuple[float, ...]
+    """Unit vector, palm frame."""
+    friction: float
+    """Torque that turns it [N m]."""
+    softness: float
+    """Time constant of the bearing [s]."""
+
+
 @dataclass
 class World:
     """Circumstances of one episode; control steps count from its start."""
@@ -92,6 +108,8 @@ class World:
     pushes: list[Push] = field(default_factory=list)
     slips: list[Slip] = field(default_factory=list)
     supports: list[Support] = field(default_factory=list)
+    hinge: Hinge | None = None
+    """Carries the object instead of supports."""
 
     @classmethod
     def sample(cls, rng: np.random.Generator, turning: float = 0.5) -> "World":
@@ -144,6 +162,7 @@ class World:
             "pushes": [Push(**entry) for entry in values["pushes"]],
             "slips": [Slip(**entry) for entry in values["slips"]],
             "supports": [Support(**entry) for entry in values["supports"]],
+            "hinge": Hinge(**values["hinge"]) if values["hinge"] else None,
         }
         return cls(**{**values, **events})
 
@@ -153,6 +172,17 @@ def vary_object(spec: ObjectSpec, rng: np.random.Generator) -> ObjectSpec:
     mass = np.clip(spec.mass * rng.uniform(*_MASS), *_MASS_RANGE)
     friction = np.clip(spec.friction * rng.uniform(*_FRICTION), *_FRICTION_RANGE)
     return replace(spec, mass=float(mass), friction=float(friction))
+
+
+def add_hinge(spec: mujoco.MjSpec) -> None:
+    """Add the bearing that a `World` with a hinge welds its object to; without one it carries nothing."""
+    core = spec.worldbody.add_body(name="hinge").add_body(name="hinge_core")
+    core.mass, core.inertia, core.explicitinertial, core.gravcomp = 0.01, (1e-5, 1e-5, 1e-5), True, 1.0
+    joint = core.add_joint(name="hinge_turn", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1))
+    joint.armature, joint.damping[0] = 2e-4, 0.002
+    weld = spec.add_equality(name="hinge_weld", type=mujoco.mjtEq.mjEQ_WELD, name1="hinge_core", name2=OBJECT)
+    weld.objtype = mujoco.mjtObj.mjOBJ_BODY
+    weld.active = False
 
 
 class WorldPhysics:
@@ -177,6 +207,22 @@ class WorldPhysics:
         if any(world.lever):
             model.body_ipos[self._object] += world.lever
             model.body_sameframe[self._object] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+        self._bearing = model.equality("hinge_weld").id
+        if world.hinge is not None:
+            self._mount(world.hinge)
+
+    def _mount(self, hinge: Hinge) -> None:
+        """Put the bearing where it belongs; the object is welded to it as it lies."""
+        model, frame, inverse, held = self._model, np.empty(4), np.empty(4), np.empty(4)
+        mujoco.mju_quatZ2Vec(frame, np.array(hinge.axis))
+        mujoco.mju_negQuat(inverse, frame)
+        mujoco.mju_mulQuat(held, inverse, np.array(hinge.quaternion))
+        body = model.body("hinge").id
+        model.body_pos[body], model.body_quat[body] = hinge.position, frame
+        model.dof_frictionloss[model.joint("hinge_turn").dofadr[0]] = hinge.friction
+        model.eq_data[self._bearing] = 0.0
+        model.eq_data[self._bearing, 6:11] = (*held, 1.0)
+        model.eq_solref[self._bearing] = (hinge.softness, 1.0)
 
     def apply(self, data: mujoco.MjData, step: int) -> None:
         """Set forces, friction and support of a control step; call before every step."""
@@ -190,6 +236,7 @@ class WorldPhysics:
         data.xfrc_applied[self._object] = wrench
         share = min((s.share for s in world.slips if s.start <= step < s.start + s.steps), default=1.0)
         model.geom_friction[self._tips, 0] = share * self._friction
+        data.eq_active[self._bearing] = world.hinge is not None
         support = self.support_at(step)
         data.eq_active[self._weld] = support is not None
         if support is not None:

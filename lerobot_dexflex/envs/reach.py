@@ -152,7 +152,8 @@ class ReachEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: ReachEpisode) -> None:
-        self.data.qpos[:] = (*episode.hand_joints, *episode.position, *episode.quaternion)
+        start = (*episode.hand_joints, *episode.position, *episode.quaternion)
+        self.data.qpos[: len(start)] = start
         self.data.ctrl[:] = episode.joint_targets
 
     def _update(self) -> dict[str, Any]:

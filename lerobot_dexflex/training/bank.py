@@ -31,16 +31,18 @@ class BankConfig:
     """States in the bank."""
     held_out_rows: int = 1024
     """States of the tuning split."""
-    n_pure: int = 6
+    n_pure: int = 4
     """Proposals from the prior alone."""
-    n_seeded: int = 4
-    """Proposals that start at the draft."""
+    n_seeded: int = 8
+    """Proposals that start at the noisy draft."""
     n_finger: int = 8
-    """Proposals with one finger drawn anew, of which the others do what the draft says."""
+    """Proposals that start there but for one finger, which is drawn anew."""
     levels: tuple[float, ...] = (0.5, 0.75)
     """Flow times at which those at the draft start."""
     finger_levels: tuple[float, ...] = (0.0, 0.5)
     """The same for the finger that is drawn anew."""
+    others_level: float = 0.5
+    """The same for the other fingers of these; at 1 they do what the draft says."""
     spoilt_share: float = 0.7
     """Share of states whose draft is spoilt."""
 
@@ -149,7 +151,7 @@ def _propose(
         include_draft=True,
         levels=config.levels,
         finger_levels=config.finger_levels,
-        others_level=1.0,
+        others_level=config.others_level,
     )
     drawn = settings.n_candidates - 1
     noise = torch.randn(len(rows), drawn, 4, controller.config.finger_chunk_width)

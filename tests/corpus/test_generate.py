@@ -173,15 +173,18 @@ def made(tmp_path_factory):
     return config
 
 
-def test_a_job_makes_episodes_of_both_kinds_and_counts_what_they_hold(made):
+def test_a_job_makes_episodes_of_all_kinds_and_counts_what_they_hold(made):
     shard = only_shard(made)
     rows, totals = shard.tensors, shard.totals
     assert [KINDS[episode["kind"]] for episode in shard.episodes] == list(KINDS)
     np.testing.assert_array_equal(rows["kind"], [shard.episodes[k]["kind"] for k in rows["episode"]])
-    for kind, name in enumerate(("steps_operator", "steps_acquisition_and_release")):
+    for kind, name in enumerate(
+        ("steps_operator", "steps_acquisition_and_release", "steps_strokes_on_a_hinge")
+    ):
         assert totals[name] == (rows["kind"] == kind).sum() > 0
     patterns = [value for key, value in totals.items() if key.startswith("pattern_")]
     assert sum(patterns) == totals["steps"] == len(rows["step"])
+    assert totals["turned_rad"] > 0.5 * totals["strokes_rad"] > 0
     assert totals["goals_attempted"] >= totals["goals_solved"] > 0
     assert {episode["seed"] for episode in shard.episodes} == {0}
 

@@ -1,5 +1,7 @@
 """Who leads an episode, and how its drafts are spoilt."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from lerobot_dexflex.commands.families import NO_ERRORS, CommandErrors
@@ -8,9 +10,11 @@ from lerobot_dexflex.corpus.distortion import Distortion, UnsteadyGrip, sample_e
 from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.episode import RunningEpisode
 from lerobot_dexflex.corpus.goal_follower import GoalFollower
-from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED
+from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED, TURNED
+from lerobot_dexflex.corpus.turning import Turning, find_turn
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.experts.reach.operator import Operator
+from lerobot_dexflex.hand.poses import rotation_between
 
 
 def followed(episode, errors, steps=60, strength=1.0):
@@ -134,6 +138,40 @@ def test_an_object_is_taken_carried_and_given_back(episode):
     assert motion.max() < 0.02
     width = np.linalg.norm(rows["fingertips"][0] - rows["fingertips"][taken.stop], axis=1)
     assert width[opening.active].min() > 0.01
+
+
+def test_an_object_on_a_hinge_is_turned_by_strokes_with_regrasps(episode):
+    env, rng = CorpusEnv(), np.random.default_rng(1)
+    opening = find_opening(env, episode, rng)
+    assert opening is not None
+    turn = find_turn(opening, episode, rng)
+    assert turn is not None
+    assert abs(turn.end - turn.begin) > 0.15
+    joints = tuple(opening.joints.tolist())
+    start = replace(episode, hand_joints=joints, joint_targets=joints)
+    run = RunningEpisode(env, start, World(hinge=turn.hinge), TURNED, {})
+    leader = Turning(opening, rng, 1.0, turn)
+    run.run(leader, Distortion(NO_ERRORS, rng))
+    rows = run.finish().tensors
+    assert leader.strokes >= 2
+    assert leader.done > 0.6 * leader.wanted
+    axis = np.array(turn.hinge.axis)
+    first, last = rows["object"][0, 3:].astype(float), rows["object"][-1, 3:].astype(float)
+    turned = rotation_between(first, last)
+    assert np.linalg.norm(turned - (turned @ axis) * axis) < 0.05
+    assert np.ptp(rows["object"][:, :3], 0).max() < 0.003
+    assert not rows["lost"].any()
+    holding = (rows["loads"] > 0.1).sum(1) >= 2  # It is let go between strokes.
+    assert np.diff(holding.astype(int)).clip(0).sum() >= leader.strokes
+    assert not rows["forces"][0].any()
+
+
+def test_an_object_that_no_finger_can_turn_is_left_out(episode):
+    env, rng = CorpusEnv(), np.random.default_rng(1)
+    opening = find_opening(env, episode, rng)
+    assert opening is not None
+    far = opening._replace(closed=opening.closed + np.array([0.0, 0.0, -0.2]))
+    assert find_turn(far, episode, rng) is None
 
 
 def test_a_dropped_object_ends_the_episode(episode):

@@ -62,7 +62,7 @@ def test_shards_of_different_simulators_are_not_joined():
         ({"step": np.zeros(16, np.int16)}, "`step` must count"),
         ({"episode": np.ones(16, np.int32)}, "`episode` must count"),
         ({"snapshot_step": np.array([8, 16], np.int32)}, "`snapshot_step` must increase"),
-        ({"kind": np.full(16, 9, np.uint8)}, "`kind` must be below 2"),
+        ({"kind": np.full(16, 9, np.uint8)}, "`kind` must be below 3"),
         ({"extra": np.zeros(16)}, "unknown: ..extra"),
     ],
 )

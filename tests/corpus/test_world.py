@@ -1,14 +1,15 @@
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
 from lerobot_dexflex.corpus.env import CorpusEnv
-from lerobot_dexflex.corpus.world import Support, World, vary_object
+from lerobot_dexflex.corpus.world import Hinge, Push, Support, World, vary_object
 from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
 from lerobot_dexflex.experts.reach.sensing import Senses
 from lerobot_dexflex.hand.objects import ObjectSpec
+from lerobot_dexflex.hand.poses import rotation_between
 from lerobot_dexflex.hands import LEAP
 
 
@@ -16,6 +17,7 @@ def test_a_world_and_an_episode_survive_json(episode):
     world = World.sample(np.random.default_rng(0))
     world.disturb(np.random.default_rng(1), 400, 0.1)
     world.supports.append(Support(0, None, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), 0.02))
+    world.hinge = Hinge((0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), (0.0, 0.6, 0.8), 0.01, 0.02)
     assert world.pushes
     assert world.slips
     stored = json.loads(json.dumps(world.to_dict()))
@@ -72,10 +74,33 @@ def test_an_off_centre_weight_is_felt_as_a_torque_and_named_by_the_senses(episod
     plain, heavy = Senses(env).read(), Senses(moved).read()
     np.testing.assert_allclose(heavy.centre - plain.centre, 0.03 * heavy.rotation[:, 2], atol=1e-12)
     lever = np.cross(heavy.centre - plain.centre, env.model.body("object").mass * env.model.opt.gravity)
-    gravity = [e.data.qfrc_bias[-6:-3] for e in (env, moved)]
+    gravity = [e.data.qfrc_bias[16:19] for e in (env, moved)]
     np.testing.assert_allclose(gravity[0], gravity[1])
-    torque = moved.data.qfrc_bias[-3:] - env.data.qfrc_bias[-3:]
+    torque = moved.data.qfrc_bias[19:22] - env.data.qfrc_bias[19:22]
     np.testing.assert_allclose(heavy.rotation @ torque, -lever, atol=1e-9)
+
+
+def test_a_hinge_carries_the_object_and_turns_about_its_axis_against_friction(episode):
+    """Twice its friction turns the object, half of it does not; nothing else moves it."""
+    axis = np.array((0.36, 0.48, 0.8))
+    away = replace(episode, position=(0.0, 0.0, -0.3))  # Out of the fingers' reach.
+    found = {}
+    for share in (0.5, 2.0):
+        env = CorpusEnv()
+        torque = tuple((share * 0.01 * axis).tolist())
+        push = Push(0, 8, (0.0, 0.0, 0.0), torque)
+        hinge = Hinge(away.position, away.quaternion, tuple(axis.tolist()), 0.01, 0.01)
+        env.start(away, World(pushes=[push], hinge=hinge))
+        assert env.supported
+        for _ in range(8):
+            env.advance(env.command)
+        position, quaternion = env.object_pose
+        assert np.linalg.norm(position - away.position) < 5e-4
+        turned = rotation_between(np.array(away.quaternion), quaternion)
+        found[share] = turned @ axis
+        assert np.linalg.norm(turned - found[share] * axis) < 0.02
+    assert found[2.0] > 0.5
+    assert abs(found[0.5]) < 0.02
 
 
 def test_heavy_and_slippery_objects_are_varied_within_what_a_hand_can_hold():

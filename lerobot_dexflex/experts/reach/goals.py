@@ -128,7 +128,8 @@ class GoalDraws:
     def _blocked(self, joints: Array, goal: Pose) -> bool:
         """Say whether anything but a distal link touches the object there."""
         model, data = self._model, self._data
-        data.qpos[:] = (*joints, *goal[0], *goal[1])
+        pose = (*joints, *goal[0], *goal[1])
+        data.qpos[: len(pose)] = pose
         mujoco.mj_fwdPosition(model, data)
         for contact in data.contact:
             bodies = model.geom_bodyid[contact.geom]
