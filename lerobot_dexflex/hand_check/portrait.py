@@ -1,5 +1,6 @@
 """Pictures of the hand from the front and the side, its pads and taxels marked."""
 
+import math
 from pathlib import Path
 
 import cv2
@@ -98,7 +99,7 @@ def _upright(hand: Hand) -> Array:
 
 
 def _unit(vector: Array) -> Array:
-    return vector / np.sqrt(vector @ vector)
+    return np.divide(vector, math.hypot(*vector))
 
 
 def _quaternion(rotation: Array) -> Array:
