@@ -154,7 +154,7 @@ class ControllerConfig:
         Raises:
             DexFlexError: If the hands differ.
         """
-        if hand.name != get_hand(self.hand).name:
+        if hand.name != self.hand:
             raise DexFlexError(
                 f"The controller in {source} was trained for '{self.hand}', but the robot is '{hand.name}'. "
                 f"Give --policy.controller=<folder or hub id> of one for '{hand.name}', or train it: "

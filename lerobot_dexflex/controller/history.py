@@ -180,8 +180,12 @@ def _read_frame(hand: Hand, observation: Mapping[str, Tensor]) -> _Frame:
         if key not in observation:
             raise DexFlexError(f"The observation lacks '{key}'. Got keys: {sorted(observation)}.")
         value = observation[key]
-        if value.ndim != 2 or value.shape[1] < width:
-            raise DexFlexError(f"'{key}' must have shape (batch, {width}). Got {tuple(value.shape)}.")
+        fits = value.ndim == 2 and (value.shape[1] == width or (key == STATE and value.shape[1] > width))
+        if not fits:
+            raise DexFlexError(
+                f"'{key}' of the hand '{hand.name}' must have shape (batch, {width}). "
+                f"Got {tuple(value.shape)}."
+            )
         values[key] = value[:, -width:].float()
         if not torch.isfinite(values[key]).all():
             raise DexFlexError(f"'{key}' holds NaN or infinity; hold the last reading or stop the hand.")
