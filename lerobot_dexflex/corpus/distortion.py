@@ -79,12 +79,13 @@ class Distortion:
     """Spoil an operator's drafts and say when they are to be executed.
 
     Args:
+        hand: Whose drafts.
         errors: What happens to the drafts.
         rng: Source of randomness, of everything in the episode.
     """
 
-    def __init__(self, errors: CommandErrors, rng: np.random.Generator) -> None:
-        self._stream, self._rng = ErrorStream(1), rng
+    def __init__(self, hand: Hand, errors: CommandErrors, rng: np.random.Generator) -> None:
+        self._stream, self._rng = ErrorStream(hand, 1), rng
         self._stream.begin(0, errors, [rng for _ in errors])
         self._active, self._left = False, int(rng.integers(*_STRETCH))
 
