@@ -59,7 +59,7 @@ class LearnedInterface(CommandedInterface):
         if not isinstance(controller, DexFlexController):
             controller = shared_controller(find_controller(controller))
         self.controller = controller.eval()
-        self._touch, self._drafts, self._past = TouchWatch(), DraftWatch(), HistoryBuffer()
+        self._touch, self._drafts, self._past = TouchWatch(), DraftWatch(), HistoryBuffer(controller.hand)
         self._fingers = FreeFingers()
         self._explanation: Explanation | None = None
 

@@ -102,8 +102,8 @@ class TeleopConfig(Recipe):
 
     def _check_arm(self) -> None:
         joints = len(xarm7.LINKS) + LEAP.n_joints
-        if TASKS[self.task].joints != joints:
-            valid = [name for name, task in TASKS.items() if task.joints == joints]
+        if len(TASKS[self.task].joints(LEAP)) != joints:
+            valid = [name for name, task in TASKS.items() if len(task.joints(LEAP)) == joints]
             raise DexFlexError(f"{self.task} has no arm to lead. Valid tasks: {', '.join(valid)}.")
 
     def _check_numbers(self) -> None:

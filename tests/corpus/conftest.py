@@ -11,6 +11,7 @@ from lerobot_dexflex.corpus.schema import OPERATED
 from lerobot_dexflex.corpus.shard import Shard
 from lerobot_dexflex.corpus.world import Push, Slip, World
 from lerobot_dexflex.experts.reach.operator import Operator
+from lerobot_dexflex.hands import LEAP
 
 SEED = 4
 """A capsule in a firm grasp."""
@@ -31,7 +32,7 @@ class Recorded(NamedTuple):
 
 @pytest.fixture(scope="session")
 def episode():
-    return CorpusEnv().draw(SEED)
+    return CorpusEnv(LEAP).draw(SEED)
 
 
 @pytest.fixture(scope="session")
@@ -52,7 +53,7 @@ def world():
 @pytest.fixture(scope="session")
 def recorded(episode, world):
     """An episode of 40 steps; in 8 to 15 the noisy draft is executed."""
-    run = RunningEpisode(CorpusEnv(), episode, world, OPERATED, {"seed": SEED, "commit": "none"})
+    run = RunningEpisode(CorpusEnv(LEAP), episode, world, OPERATED, {"seed": SEED, "commit": "none"})
     rng = np.random.default_rng(0)
     operator, guidances, drafts, states = Operator(run.senses, rng, strength=1.2), [], [], []
     spoilt = np.arange(STEPS) // 8 == 1

@@ -9,9 +9,10 @@ import yaml
 from lerobot_dexflex.corpus import generate
 from lerobot_dexflex.corpus.cli import main
 from lerobot_dexflex.corpus.config import CorpusConfig, Jobs, Shares
-from lerobot_dexflex.corpus.schema import COLUMNS, KINDS, SNAPSHOT_COLUMNS
+from lerobot_dexflex.corpus.schema import KINDS, columns, snapshot_columns
 from lerobot_dexflex.corpus.shard import Shard, read_header, read_shard, shard_path, write_shard
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.runs.lock import locked
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs/corpus").glob("*.yaml"))
@@ -20,12 +21,13 @@ CONFIGS = sorted((Path(__file__).parents[2] / "configs/corpus").glob("*.yaml"))
 def fake_job(config, commit, split, number):
     """Write four empty steps instead of simulating."""
     seed = config.object_seeds(split, number)[0]
-    columns = {**COLUMNS, **SNAPSHOT_COLUMNS}
-    rows = {key: np.zeros((4, *(size or 1 for size in c.shape)), c.dtype) for key, c in columns.items()}
+    hand = get_hand(config.hand)
+    types = columns(hand) | snapshot_columns(hand)
+    rows = {key: np.zeros((4, *(size or 1 for size in c.shape)), c.dtype) for key, c in types.items()}
     rows["step"] = np.arange(4, dtype=np.int16)
     rows["snapshot_step"] = np.arange(4, dtype=np.int32)
     totals = {"steps": 4, "cpu_seconds": 0.5, "pattern_1111": 3, "pattern_0111": 1}
-    shard = Shard(rows, [{"seed": seed, "commit": commit}], totals)
+    shard = Shard(hand, rows, [{"seed": seed, "commit": commit}], totals)
     write_shard(shard_path(config.output / split, number), shard)
 
 
@@ -93,6 +95,9 @@ def test_another_recipe_or_folder_is_refused_untouched(config, tmp_path):
     config.steps_per_object = 7
     with pytest.raises(DexFlexError, match="steps_per_object: 600 there, 7 now"):
         generate.generate(config, [])
+    config.steps_per_object, config.hand = 600, "sharpa"
+    with pytest.raises(DexFlexError, match="hand: leap there, sharpa now"):
+        generate.generate(config, [])
     assert (config.output / "recipe.yaml").read_text() == before
     config.output = tmp_path / "other"
     config.output.mkdir()
@@ -125,6 +130,7 @@ def test_two_processes_do_not_work_in_one_corpus(config):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
+        ({"hand": "claw"}, "no hand 'claw'.*'leap', 'sharpa'"),
         ({"workers": -1}, "must not be negative"),
         ({"objects_per_job": 0}, "must be positive"),
         ({"jobs": Jobs(2000, 0, 0)}, "`train` may have at most 10000 objects"),

@@ -15,14 +15,15 @@ from lerobot_dexflex.corpus.turning import Turning, find_turn
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.experts.reach.operator import Operator
 from lerobot_dexflex.hand.poses import rotation_between
+from lerobot_dexflex.hands import LEAP
 
 
 def followed(episode, errors, steps=60, strength=1.0):
     """Return the running episode and the leader, at the end."""
     rng = np.random.default_rng(0)
-    run = RunningEpisode(CorpusEnv(), episode, World(), OPERATED, {})
+    run = RunningEpisode(CorpusEnv(LEAP), episode, World(), OPERATED, {})
     leader = GoalFollower(run, rng, steps, strength)
-    run.run(leader, Distortion(errors, rng))
+    run.run(leader, Distortion(LEAP, errors, rng))
     return run, leader
 
 
@@ -50,7 +51,7 @@ def test_an_unsteady_grip_errs_by_a_share_of_its_forces_that_lasts_some_steps():
     grip = np.array([[3.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])
     sizes, correlations = [], []
     for seed in range(30):
-        unsteady = UnsteadyGrip(np.random.default_rng(seed))
+        unsteady = UnsteadyGrip(LEAP, np.random.default_rng(seed))
         errors = np.array([unsteady.step(grip) for _ in range(200)])
         assert not errors[:, 3].any()
         share = errors[:, :3] / np.linalg.norm(grip[:3], axis=1)[:, None]
@@ -64,7 +65,7 @@ def test_an_unsteady_grip_errs_by_a_share_of_its_forces_that_lasts_some_steps():
 def test_an_error_of_the_grip_changes_what_is_executed_and_not_what_is_recorded_as_right(episode):
     found = []
     for error in (None, np.full((4, 3), 0.4)):
-        run = RunningEpisode(CorpusEnv(), episode, World(), OPERATED, {})
+        run = RunningEpisode(CorpusEnv(LEAP), episode, World(), OPERATED, {})
         guidance = Operator(run.senses, np.random.default_rng(0)).guide(run.now)
         run.step(guidance, guidance.tips - run.now.tips, False, error)
         found.append(run.finish().tensors)
@@ -109,11 +110,11 @@ def test_another_strength_is_exerted_but_the_right_forces_are_recorded(episode):
 
 
 def test_an_object_is_taken_carried_and_given_back(episode):
-    env, rng, world = CorpusEnv(), np.random.default_rng(1), World()
+    env, rng, world = CorpusEnv(LEAP), np.random.default_rng(1), World()
     opening = find_opening(env, episode, rng)
     assert opening is not None
     run = RunningEpisode(env, open_episode(episode, world, opening, rng), world, ACQUIRED, {})
-    run.run(Acquisition(opening, rng), Distortion(NO_ERRORS, rng))
+    run.run(Acquisition(opening, rng), Distortion(LEAP, NO_ERRORS, rng))
     rows = run.finish().tensors
     taken, given = world.supports
     assert taken.stop is not None
@@ -141,17 +142,17 @@ def test_an_object_is_taken_carried_and_given_back(episode):
 
 
 def test_an_object_on_a_hinge_is_turned_by_strokes_with_regrasps(episode):
-    env, rng = CorpusEnv(), np.random.default_rng(1)
+    env, rng = CorpusEnv(LEAP), np.random.default_rng(1)
     opening = find_opening(env, episode, rng)
     assert opening is not None
-    turn = find_turn(opening, episode, rng)
+    turn = find_turn(LEAP, opening, episode, rng)
     assert turn is not None
     assert abs(turn.end - turn.begin) > 0.15
     joints = tuple(opening.joints.tolist())
     start = replace(episode, hand_joints=joints, joint_targets=joints)
     run = RunningEpisode(env, start, World(hinge=turn.hinge), TURNED, {})
     leader = Turning(opening, rng, 1.0, turn)
-    run.run(leader, Distortion(NO_ERRORS, rng))
+    run.run(leader, Distortion(LEAP, NO_ERRORS, rng))
     rows = run.finish().tensors
     assert leader.strokes >= 2
     assert leader.done > 0.6 * leader.wanted
@@ -167,11 +168,11 @@ def test_an_object_on_a_hinge_is_turned_by_strokes_with_regrasps(episode):
 
 
 def test_an_object_that_no_finger_can_turn_is_left_out(episode):
-    env, rng = CorpusEnv(), np.random.default_rng(1)
+    env, rng = CorpusEnv(LEAP), np.random.default_rng(1)
     opening = find_opening(env, episode, rng)
     assert opening is not None
     far = opening._replace(closed=opening.closed + np.array([0.0, 0.0, -0.2]))
-    assert find_turn(far, episode, rng) is None
+    assert find_turn(LEAP, far, episode, rng) is None
 
 
 def test_a_dropped_object_ends_the_episode(episode):
@@ -185,8 +186,8 @@ def test_a_dropped_object_ends_the_episode(episode):
             return guidance._replace(joints=run.now.joints - 0.1 * np.tile([1.0, 0.0, 1.0, 1.0], 4))
 
     rng = np.random.default_rng(0)
-    run = RunningEpisode(CorpusEnv(), episode, World(), OPERATED, {})
-    run.run(LettingGo(run, rng, 100), Distortion(NO_ERRORS, rng))
+    run = RunningEpisode(CorpusEnv(LEAP), episode, World(), OPERATED, {})
+    run.run(LettingGo(run, rng, 100), Distortion(LEAP, NO_ERRORS, rng))
     rows = run.finish().tensors
     assert len(rows["step"]) < 100
     assert rows["lost"][-1]

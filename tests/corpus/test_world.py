@@ -14,7 +14,7 @@ from lerobot_dexflex.hands import LEAP
 
 
 def test_a_world_and_an_episode_survive_json(episode):
-    world = World.sample(np.random.default_rng(0))
+    world = World.sample(LEAP, np.random.default_rng(0))
     world.disturb(np.random.default_rng(1), 400, 0.1)
     world.supports.append(Support(0, None, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), 0.02))
     world.hinge = Hinge((0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), (0.0, 0.6, 0.8), 0.01, 0.02)
@@ -30,7 +30,7 @@ def test_random_worlds_stay_within_their_ranges():
     rng = np.random.default_rng(0)
     spec = ObjectSpec("box", (0.02, 0.02, 0.03), 0.1, 0.8)
     for _ in range(50):
-        world = World.sample(rng)
+        world = World.sample(LEAP, rng)
         world.disturb(rng, 100, 0.1)
         assert np.abs(np.array(world.gains) - 1).max() <= 0.15
         assert 0.7 <= world.damping <= 1.5
@@ -45,7 +45,7 @@ def test_random_worlds_stay_within_their_ranges():
 
 
 def test_servos_and_damping_of_the_model_are_those_of_the_world(episode, world):
-    env = CorpusEnv()
+    env = CorpusEnv(LEAP)
     env.start(episode, world)
     gains = LEAP.position_gains * np.array(world.gains)
     np.testing.assert_allclose(env.model.actuator_gainprm[:, 0], gains)
@@ -54,7 +54,7 @@ def test_servos_and_damping_of_the_model_are_those_of_the_world(episode, world):
 
 
 def test_wrenches_sway_and_slips_come_and_go(episode, world):
-    env = CorpusEnv()
+    env = CorpusEnv(LEAP)
     env.start(episode, world)
     body, tip = env.model.body("object").id, env.model.geom("if_tip").id
     friction, mass = env.model.geom_friction[tip, 0], env.model.body_mass[body]
@@ -68,7 +68,7 @@ def test_wrenches_sway_and_slips_come_and_go(episode, world):
 
 
 def test_an_off_centre_weight_is_felt_as_a_torque_and_named_by_the_senses(episode):
-    env, moved = CorpusEnv(), CorpusEnv()
+    env, moved = CorpusEnv(LEAP), CorpusEnv(LEAP)
     env.start(episode, World())
     moved.start(episode, World(lever=(0.0, 0.0, 0.03)))
     plain, heavy = Senses(env).read(), Senses(moved).read()
@@ -86,7 +86,7 @@ def test_a_hinge_carries_the_object_and_turns_about_its_axis_against_friction(ep
     away = replace(episode, position=(0.0, 0.0, -0.3))  # Out of the fingers' reach.
     found = {}
     for share in (0.5, 2.0):
-        env = CorpusEnv()
+        env = CorpusEnv(LEAP)
         torque = tuple((share * 0.01 * axis).tolist())
         push = Push(0, 8, (0.0, 0.0, 0.0), torque)
         hinge = Hinge(away.position, away.quaternion, tuple(axis.tolist()), 0.01, 0.01)
@@ -114,7 +114,7 @@ def test_heavy_and_slippery_objects_are_varied_within_what_a_hand_can_hold():
 
 
 def test_a_fixture_carries_the_object_until_it_is_taken_away(episode):
-    env = CorpusEnv()
+    env = CorpusEnv(LEAP)
     world = World(supports=[Support(0, 10, episode.position, episode.quaternion, 0.02)])
     env.start(episode, world)
     opened = np.clip(env.command - 0.4, *env.model.jnt_range[:16].T)
@@ -129,7 +129,7 @@ def test_a_fixture_carries_the_object_until_it_is_taken_away(episode):
 
 
 def test_joint_noise_moves_joints_and_fingertips_alike(episode):
-    env = CorpusEnv()
+    env = CorpusEnv(LEAP)
     clean, noisy = env.start(episode, World()), env.start(episode, World(joint_noise=0.01))
     moved = noisy["agent_pos"] - clean["agent_pos"]
     assert 0.003 < moved.std() < 0.03

@@ -41,7 +41,7 @@ def test_the_decoders_forces_are_explained_in_the_palm_frame_and_lead_the_joints
 def test_forces_are_decoded_of_the_state_and_the_motion_that_is_executed(controller):
     interface, seen, draft = flex(controller, "noselection"), touched(1.0, rows=2), draft_of(2)
     targets = interface.step(seen, draft)
-    past = HistoryBuffer().observe({**seen, FINGERTIPS: tips_of(seen).flatten(1)})
+    past = HistoryBuffer(LEAP).observe({**seen, FINGERTIPS: tips_of(seen).flatten(1)})
     local = controller.decode(controller.encode(past), draft.float()).grip().double()
     forces = torch.einsum("bfij,bfj->bfi", finger_frames(LEAP, joints_of(seen)).distal_rotation, local)
     assert forces.norm(dim=-1).max() > 0.1
