@@ -10,6 +10,9 @@ from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
 
+POSTURES = ("relaxed_joints", "nominal_joints", "idle_joints", "open_joints", "loose_joints")
+"""Fields of a hand that hold its postures."""
+
 
 class Bench:
     """The simulated hand in postures of one's choice.

@@ -7,7 +7,7 @@ from lerobot_dexflex.hand_check.finding import Finding
 from lerobot_dexflex.hand_check.fingertip import check_pads, check_taxels, check_tips
 from lerobot_dexflex.hand_check.motion import check_inverse, check_opposition
 from lerobot_dexflex.hand_check.numbers import check_limits, check_strength
-from lerobot_dexflex.hand_check.postures import check_facing, check_order, check_region
+from lerobot_dexflex.hand_check.postures import check_facing, check_mount, check_order, check_region
 from lerobot_dexflex.hand_check.simulation import check_holding, check_motors
 from lerobot_dexflex.hands import Hand
 
@@ -22,6 +22,7 @@ CHECKS: tuple[Callable[[Hand], Finding], ...] = (
     check_opposition,
     check_inverse,
     check_strength,
+    check_mount,
     check_collisions,
     check_motors,
     check_holding,

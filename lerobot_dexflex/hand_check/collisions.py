@@ -7,13 +7,12 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from lerobot_dexflex.hand_check.bench import Bench, sweep
+from lerobot_dexflex.hand_check.bench import POSTURES, Bench, sweep
 from lerobot_dexflex.hand_check.finding import Finding
 from lerobot_dexflex.hands import PALM, Hand
 
 _DEEP, _SHAPES_DEEP = 0.001, 0.005
 _SWEEP_STEPS = 24
-_POSTURES = ("relaxed_joints", "nominal_joints", "idle_joints")
 
 
 class Overlap(NamedTuple):
@@ -42,7 +41,7 @@ def check_collisions(hand: Hand) -> Finding:
     """
     bench = Bench(hand)
     at_rest, shapes, own = _NONE, _NONE, _NONE
-    for posture in _POSTURES:
+    for posture in POSTURES:
         bench.pose(np.array(getattr(hand, posture)))
         at_rest = max(at_rest, *_contacts(bench, f"`{posture}`"), _NONE)
         shapes = max(shapes, *_shapes(hand, bench, f"`{posture}`"), _NONE)

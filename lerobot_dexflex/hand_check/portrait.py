@@ -1,6 +1,5 @@
 """Pictures of the hand from the front and the side, its pads and taxels marked."""
 
-import math
 from pathlib import Path
 
 import cv2
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.envs.rendering import Camera, tune_visuals
 from lerobot_dexflex.evaluation.report.film import write_mp4
 from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand.grasp_frame import grasp_frame
 from lerobot_dexflex.hand.model import add_hand, base_spec
 from lerobot_dexflex.hand_check.bench import sweep
 from lerobot_dexflex.hands import Finger, Hand
@@ -86,20 +86,9 @@ def write_film(hand: Hand, path: Path) -> None:
 
 
 def _upright(hand: Hand) -> Array:
-    """Return the rotation from the palm to a world in which fingers point up and pads look along -y."""
-    tips = kernels.fingertips(hand.tables, np.array(hand.idle_joints)[None])[0]
-    _, outward = kernels.pads(hand.tables, np.array(hand.idle_joints)[None])
-    opposed = list(hand.opposed_fingers)
-    across = np.array(hand.finger_order)
-    up = tips[opposed].mean(0)
-    up = _unit(up - (up @ across) * across)
-    palmar = outward[0, opposed].mean(0)
-    palmar = _unit(palmar - (palmar @ up) * up)
-    return np.stack([np.cross(-palmar, up), -palmar, up])
-
-
-def _unit(vector: Array) -> Array:
-    return np.divide(vector, math.hypot(*vector))
+    """Return the rotation from the palm to a world in which the hand reaches up and closes toward -y."""
+    toward, row, reach = grasp_frame(hand).axes.T
+    return np.stack([row, -toward, reach])
 
 
 def _quaternion(rotation: Array) -> Array:

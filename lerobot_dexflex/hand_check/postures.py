@@ -2,12 +2,16 @@
 
 from itertools import pairwise
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.hand import kernels
+from lerobot_dexflex.hand import kernels, xarm7
+from lerobot_dexflex.hand.arm import robot_model
+from lerobot_dexflex.hand_check.bench import POSTURES
 from lerobot_dexflex.hand_check.finding import Finding
 from lerobot_dexflex.hands import Hand
+from lerobot_dexflex.hands.tables import rotation_of
 
 Array = NDArray[np.float64]
 
@@ -15,6 +19,7 @@ _FACING = 0.5
 _IN_ORDER = 0.012
 _WIDTHS = (1.0, 3.0)
 _OUTSIDE = 0.02
+_BEYOND = 0.05
 
 
 def check_facing(hand: Hand) -> Finding:
@@ -74,6 +79,31 @@ def check_region(hand: Hand) -> Finding:
         "mm outside of `object_region`",
         f"{1000 * _OUTSIDE:.0f} mm or less",
         "Put `object_region` [m] around the middle between the pads, some 4 to 8 cm wide each way.",
+    )
+
+
+def check_mount(hand: Hand) -> Finding:
+    """Check that the arm carries the hand such that it reaches ahead and its tips stay off the arm."""
+    to_flange = rotation_of(hand.mount_quaternion)
+    beyond = []
+    model = robot_model(hand)
+    data, touching = mujoco.MjData(model), set[str]()
+    for posture in POSTURES:
+        joints = np.array(getattr(hand, posture))
+        tips = kernels.fingertips(hand.tables, joints) @ to_flange.T + hand.mount_position
+        beyond.append(float(tips[:, 2].min()))
+        data.qpos[-hand.n_joints :] = joints
+        mujoco.mj_fwdPosition(model, data)
+        touching |= {model.body(model.geom_bodyid[g]).name for contact in data.contact for g in contact.geom}
+    touching &= {link.name for link in xarm7.LINKS}
+    return Finding(
+        "mount",
+        min(beyond) >= _BEYOND and not touching,
+        f"fingertips are {1000 * min(beyond):.0f} mm or more beyond the flange, along its axis"
+        + (f", and touch {', '.join(sorted(touching))} of the arm" if touching else ""),
+        f"{1000 * _BEYOND:.0f} mm or more, and off the arm",
+        "`mount_position` [m] and `mount_quaternion` place the palm in the frame of the flange, whose z axis "
+        "leads away from the arm: the fingers shall reach along it.",
     )
 
 

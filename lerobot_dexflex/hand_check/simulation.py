@@ -11,7 +11,7 @@ from lerobot_dexflex.hand.grasp import OBJECT, Grasp, GraspSearch
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.model import SUBSTEPS
 from lerobot_dexflex.hand.objects import ObjectSpec
-from lerobot_dexflex.hand_check.bench import Bench
+from lerobot_dexflex.hand_check.bench import POSTURES, Bench
 from lerobot_dexflex.hand_check.finding import Finding
 from lerobot_dexflex.hands import Hand
 
@@ -35,7 +35,7 @@ def check_motors(hand: Hand) -> Finding:
     bench, off = Bench(hand), np.zeros(hand.n_joints)
     start = np.array(hand.relaxed_joints)
     bench.pose(start)
-    for posture in ("relaxed_joints", "nominal_joints", "idle_joints"):
+    for posture in POSTURES:
         end = np.array(getattr(hand, posture))
         for share in [*np.linspace(0, 1, _MOVE_STEPS), *[1.0] * _SETTLE_STEPS]:
             bench.data.ctrl[:] = start + share * (end - start)
