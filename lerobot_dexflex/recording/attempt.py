@@ -23,6 +23,7 @@ from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command, fingertips_of
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Interface, make_interface
 from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS
 from lerobot_dexflex.recording.schema import columns, privileged_columns, rounded
@@ -97,7 +98,7 @@ class Take:
             index: Its number.
             kept: Whether it is an episode of the dataset.
         """
-        table = columns(self._env.get_wrapper_attr("joints")) | privileged_columns()
+        table = columns(LEAP, self._env.get_wrapper_attr("joints")) | privileged_columns(LEAP)
         frames = _stack(self._frames, table) if self._frames and kept else {}
         progress = float(self.info["progress"])
         return Attempt(index, self.seed, self.success, self.steps, progress, frames, kept)

@@ -207,6 +207,6 @@ def _rows(info: dict[str, Any]) -> list[str]:
         encoding = features[key]["info"]
         video = f"{encoding['video.codec']}, key frame every {encoding['video.g']} frames"
         rows.append(f"| `{key}` | {shape} video | RGB | camera `{key.rsplit('.', 1)[1]}`; {video} |")
-    for key, column in (columns(joints) | privileged_columns()).items():
+    for key, column in (columns(LEAP, joints) | privileged_columns(LEAP)).items():
         rows.append(f"| `{key}` | {len(column.names)} | {column.unit} | {column.meaning} |")
     return rows

@@ -67,7 +67,7 @@ def count(env: CountingEnv, rng: np.random.Generator) -> Iterator[Command]:
 def counting(monkeypatch, *modules) -> Iterator[str]:
     """Make the task known, and its expert to these modules."""
     module = "lerobot_dexflex.envs.registration:"
-    monkeypatch.setitem(TASKS, TASK, TaskInfo(module, 20, "Count to nine.", 23))
+    monkeypatch.setitem(TASKS, TASK, TaskInfo(module, 20, "Count to nine."))
     monkeypatch.setitem(experts._EXPERTS, TASK, "lerobot_dexflex.experts.command:Command")
     for module in modules:
         monkeypatch.setattr(module, "make_expert", lambda task: count)

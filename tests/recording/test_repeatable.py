@@ -39,7 +39,7 @@ attempts = []
 for k in range(2):
     own = pictures[60 * k : 60 * (k + 1)]
     frames = {f"observation.images.{camera}": own for camera in ("front", "wrist")}
-    for key, column in (columns(robot_joints(LEAP)) | privileged_columns()).items():
+    for key, column in (columns(LEAP, robot_joints(LEAP)) | privileged_columns(LEAP)).items():
         frames[key] = np.random.default_rng(k).normal(size=(60, len(column.names))).astype(np.float32)
     attempts.append(Attempt(k, k, True, 60, 1.0, frames, kept=True))
     save_attempt(attempts[-1], staging)
