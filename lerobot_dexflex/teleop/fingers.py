@@ -43,7 +43,8 @@ class FingerLead:
             record: The newest, even if it is the same as before.
             dt: Time since the last call [s].
         """
-        wish, tracked = self._retargeting(record.keypoints[self._leading]), record.tracked[self._leading]
+        tracked = record.tracked[self._leading]
+        wish = self._retargeting(record.keypoints[self._leading])
         back = tracked & ~self._led
         gap = np.where(back[:, None], self.targets - wish, self._gap)
         far = np.linalg.norm(gap, axis=1, keepdims=True)

@@ -40,9 +40,7 @@ class StreamLeader:
         engaged: Whether the hand leads as soon as it is calibrated, without `toggle`.
     """
 
-    def __init__(
-        self, hand: Hand, source: Source, say: Say, lead: LeadConfig, engaged: bool = False
-    ) -> None:
+    def __init__(self, hand: Hand, source: Source, say: Say, lead: LeadConfig, engaged: bool = False) -> None:
         self._hand, self._source, self._say, self._engaged = hand, source, say, engaged
         self._lead = lead
         self._joints: Array = np.zeros(0)

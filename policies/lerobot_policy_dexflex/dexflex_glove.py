@@ -21,7 +21,7 @@ _logger = logging.getLogger(__name__)
 
 
 class DexflexGlove(Teleoperator):
-    """Leads any robot whose action is `joint1.pos` ... `joint7.pos`, then the hand's joints, as `if_mcp.pos` [rad].
+    """Leads any robot whose action is `joint1.pos` ... `joint7.pos`, then the hand's joints [rad].
 
     The robot must wait at `config.start` when it connects. It stays there until an open hand was held still;
     then it follows, and holds still within 100 ms when the stream stops or the hand is lost.
