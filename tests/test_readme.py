@@ -49,6 +49,7 @@ SET_UP = ("git", "cd", "source")
 """Commands that only prepare a reader's shell; the test stands in a prepared one."""
 PARSED = {
     "dexflex-corpus": "lerobot_dexflex.corpus.cli",
+    "dexflex-hand": "lerobot_dexflex.hand_check.cli",
     "dexflex-record": "lerobot_dexflex.recording.cli",
     "dexflex-teleop": "lerobot_dexflex.teleop.cli",
     "dexflex-train": "lerobot_dexflex.training.cli",
@@ -196,6 +197,7 @@ def anchors(text):
         ("docs/tool_tasks.md", 1300),
         ("docs/datasets.md", 1000),
         ("docs/training.md", 1000),
+        ("docs/your_hand.md", 900),
         ("docs/streams.md", 500),
         ("docs/teleoperation.md", 700),
         ("eval/README.md", 500),
