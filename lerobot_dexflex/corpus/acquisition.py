@@ -54,7 +54,7 @@ class Opening(NamedTuple):
     closed: Array
     """Tips that hold the object [m]. Shape (fingers, 3)."""
     inward: Array
-    """Contact normals of the grasp into the object; zero for fingers that do not grasp. Shape (fingers, 3)."""
+    """Contact normals of the grasp into the object; zero for others than `active`. Shape (fingers, 3)."""
 
     @property
     def active(self) -> NDArray[np.bool_]:

@@ -54,8 +54,6 @@ class CorpusConfig:
 
     output: Path = Path("outputs/corpus/reach")
     """Folder of the corpus; must not exist, or must hold a corpus of the same recipe."""
-    hand: str = "leap"
-    """Whose data: a name of the library, or `package.module:ATTRIBUTE`."""
     seed: int = 0
     """Of everything but the objects, whose seeds follow from their split."""
     workers: int = 2
@@ -65,6 +63,8 @@ class CorpusConfig:
     steps_per_object: int = 600
     """Kept control steps per object, on average."""
     shares: Shares = field(default_factory=Shares)
+    hand: str = "leap"
+    """Whose data: a name of the library, or `package.module:ATTRIBUTE`."""
 
     def __post_init__(self) -> None:
         get_hand(self.hand)
