@@ -113,8 +113,10 @@ class Parsed(BaseException):
 
 
 @pytest.fixture
-def parse_only(monkeypatch):
-    """Commands stop, with `Parsed`, when their outermost parser is done; draccus parses within itself."""
+def parse_only(monkeypatch, tmp_path):
+    """Commands know the hand of docs/your_hand.md.
+
+    They stop, with `Parsed`, when their outermost parser is done; draccus parses within itself."""
     depth = 0
 
     def stopping(parse):
@@ -134,6 +136,8 @@ def parse_only(monkeypatch):
     monkeypatch.setattr(draccus, "parse", stopping(draccus.parse))
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stopping(argparse.ArgumentParser.parse_args))
     monkeypatch.chdir(ROOT)
+    (tmp_path / "my_hand.py").write_text("".join(blocks(ROOT / "docs/your_hand.md", "python")))
+    monkeypatch.syspath_prepend(tmp_path)
 
 
 def parseable():

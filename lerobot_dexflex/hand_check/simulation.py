@@ -54,7 +54,7 @@ def check_motors(hand: Hand) -> Finding:
 
 
 def check_holding(hand: Hand) -> Finding:
-    """Check that grasps of small objects are found, in six directions of gravity, and that they hold for 3 s."""
+    """Check that grasps of small objects are found, in six directions of gravity, and hold for 3 s."""
     drifts = [drift for drift in _drifts(hand) if drift is not None]
     held = [drift for drift in drifts if drift <= _MOST_DRIFT]
     told = f", drifting by {1000 * max(held):.1f} mm at most" if held else ""

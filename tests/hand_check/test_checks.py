@@ -101,6 +101,13 @@ BAD = {
             r"links in other fingers: \S+ mm \(ff_medial in mf_",
         ),
     },
+    "mount": {
+        "turned": (
+            replace(ALLEGRO, mount_quaternion=(0, 1, 0, 0), mount_position=(0.3, 0.0, 0.0)),
+            "are -28 mm",
+        ),
+        "on the arm": (replace(ALLEGRO, mount_position=(0.0, 0.0, -0.1)), "tips touch link"),
+    },
     "motors": {"stuck": (with_motors(friction_loss=0.65), "rad off its target")},
     "holding": {"no room": (replace(ALLEGRO, pad_spacing=0.5), "0 were grasped and 0 held")},
 }
