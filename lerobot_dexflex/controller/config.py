@@ -144,19 +144,19 @@ class ControllerConfig:
         """Numbers in one finger's part of a chunk."""
         return self.horizon * 3
 
-    def check(self, hand: Hand, source: str) -> None:
+    def check(self, hand: Hand, source: str = "The controller") -> None:
         """Refuse to move another hand than the one that the controller was trained for.
 
         Args:
             hand: The robot's.
-            source: Where the controller comes from, for the message.
+            source: Which controller it is, for the message.
 
         Raises:
             DexFlexError: If the hands differ.
         """
         if hand.name != self.hand:
             raise DexFlexError(
-                f"The controller in {source} was trained for '{self.hand}', but the robot is '{hand.name}'. "
+                f"{source} was trained for '{self.hand}', but the robot is '{hand.name}'. "
                 f"Give --policy.controller=<folder or hub id> of one for '{hand.name}', or train it: "
                 f"dexflex-corpus --hand={hand.name} --output=<corpus>, then dexflex-train --corpus=<corpus>."
             )

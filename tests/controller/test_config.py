@@ -45,10 +45,10 @@ def test_config_of_a_hand_that_nobody_knows_is_refused_with_those_there_are():
 @pytest.mark.parametrize(("trained", "other"), [(LEAP, SHARPA), (SHARPA, LEAP)], ids=["leap", "sharpa"])
 def test_a_controller_moves_the_hand_alone_that_it_was_trained_for(trained, other):
     config = ControllerConfig(hand=trained.name)
-    config.check(trained, "some/folder")
+    config.check(trained)
     message = rf"in some/folder was trained for '{trained.name}', but the robot is '{other.name}'"
     with pytest.raises(DexFlexError, match=rf"{message}.*--policy\.controller=.*--hand={other.name}"):
-        config.check(other, "some/folder")
+        config.check(other, "The controller in some/folder")
 
 
 def test_a_controller_of_an_older_format_is_refused_by_the_format():
