@@ -12,13 +12,14 @@ from lerobot_dexflex.hands import Hand
 Array = NDArray[np.float64]
 
 _MEET, _NEAR = 0.005, 0.03
-_POSTURES, _REFINED = 4000, 8
+_FACING = 0.3
+_POSTURES, _REFINED, _ITERATIONS = 4000, 8, 12
 _PATHS, _STEPS, _SHARE = 300, 20, 0.5
 _MEDIAN, _P95 = 0.001, 0.005
 
 
 def check_opposition(hand: Hand) -> Finding:
-    """Check that the pads of opposing and opposed fingers can meet."""
+    """Check that the pads of opposing and opposed fingers can meet, face to face."""
     distance = {
         (thumb, finger): _closest(hand, thumb, finger)
         for thumb in hand.opposing_fingers
@@ -38,25 +39,28 @@ def check_opposition(hand: Hand) -> Finding:
 
 
 def _closest(hand: Hand, first: int, second: int) -> float:
-    """Return the least distance [m] found between two pads: of random postures the best, refined."""
+    """Return the least distance [m] found between facing pads: of random postures the best, refined."""
     postures = random_postures(hand, _POSTURES)
-    centres, _ = kernels.pads(hand.tables, postures)
+    centres, outward = kernels.pads(hand.tables, postures)
     apart, partner = map(np.asarray, KDTree(centres[:, second]).query(centres[:, first]))
-    best = np.argsort(apart)[:_REFINED]
-    joints = postures[best].copy()
-    own = hand.finger_joints[second]
+    facing = (outward[:, first] * outward[partner, second]).sum(1) < -_FACING
+    best = np.argsort(np.where(facing, apart, np.inf))[:_REFINED]
+    joints, own = postures[best].copy(), hand.finger_joints[second]
     joints[:, own] = postures[partner[best]][:, own]
-    middle = (centres[best, first] + centres[partner[best], second]) / 2
-    _, outward = kernels.pads(hand.tables, joints)
-    joints = kernels.solve_pads(
-        hand.tables, np.repeat(middle[:, None], hand.n_fingers, 1), -outward, joints, 12
-    )
-    found, _ = kernels.pads(hand.tables, joints)
-    return float(min(apart.min(), np.linalg.norm(found[:, first] - found[:, second], axis=-1).min()))
+    points, normals = np.zeros((2, _REFINED, hand.n_fingers, 3))
+    points[:] = ((centres[best, first] + centres[partner[best], second]) / 2)[:, None]
+    normals[:, first] = outward[partner[best], second] - outward[best, first]
+    normals[:, first] /= np.linalg.norm(normals[:, first], axis=1, keepdims=True)
+    normals[:, second] = -normals[:, first]
+    joints = kernels.solve_pads(hand.tables, points, normals, joints, _ITERATIONS)
+    centres, outward = kernels.pads(hand.tables, joints)
+    met = np.linalg.norm(centres[:, first] - centres[:, second], axis=1)
+    facing = (outward[:, first] * outward[:, second]).sum(1) < -_FACING
+    return float(met[facing].min(initial=apart[best[0]]))
 
 
 def check_inverse(hand: Hand) -> Finding:
-    """Check that fingertips follow targets for a second, half-way from the nominal to any posture."""
+    """Check that fingertips follow targets half-way from the nominal to random postures, within a second."""
     start, ends = np.array(hand.nominal_joints), random_postures(hand, _PATHS)
     command = np.broadcast_to(start, ends.shape).copy()
     missed = []

@@ -46,7 +46,7 @@ class Portrait:
         for geom in spec.geoms:
             geom.rgba = _LINK
         for finger in hand.fingers:
-            _mark(spec.body(finger.distal), finger, hand)
+            _mark(hand, finger, spec.body(finger.distal))
         _add_cameras(spec, *_extent(hand, to_world))
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
@@ -118,7 +118,7 @@ def _add_cameras(spec: mujoco.MjSpec, centre: Array, half_extent: float) -> None
         )
 
 
-def _mark(body: mujoco.MjsBody, finger: Finger, hand: Hand) -> None:
+def _mark(hand: Hand, finger: Finger, body: mujoco.MjsBody) -> None:
     """Lay a sheet on the pad and a bead on every taxel, red in the row nearest the tip."""
     frame = rotation_of(finger.pad_quaternion)
     kept = {"contype": 0, "conaffinity": 0, "mass": 0}

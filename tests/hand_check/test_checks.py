@@ -75,6 +75,10 @@ BAD = {
     },
     "facing": {
         "open": (replace(ALLEGRO, nominal_joints=ALLEGRO.idle_joints), "normals oppose by 0.48"),
+        "back to front": (
+            with_finger(THUMB, pad_position=(-0.012, 0.0, 0.038), pad_quaternion=(1, 0, -1, 0)),
+            "normals oppose by -0.79",
+        ),
         "wrong thumb": (replace(ALLEGRO, opposing=("ring",)), "normals oppose by -"),
     },
     "order": {
