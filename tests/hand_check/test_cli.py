@@ -26,7 +26,8 @@ def quick(monkeypatch):
     monkeypatch.setattr("lerobot_dexflex.hand_check.check.CHECKS", kept)
 
 
-def test_a_hand_that_passes_is_drawn_and_filmed(tmp_path, capsys):
+def test_a_hand_that_passes_is_drawn_and_filmed(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("lerobot_dexflex.hand_check.portrait._FRAMES_PER_JOINT", 4)
     assert cli.main(["check", "allegro:ALLEGRO", f"--output={tmp_path}", "--film"]) == 0
     told = capsys.readouterr().out
     assert "allegro:ALLEGRO: 4 fingers, 16 joints\npass  limits " in told
@@ -34,7 +35,7 @@ def test_a_hand_that_passes_is_drawn_and_filmed(tmp_path, capsys):
     picture = np.array(cv2.imread(str(tmp_path / "hand.png")))
     assert picture.shape == (1280, 1280, 3)
     film = read_mp4(tmp_path / "sweep.mp4")
-    assert film.shape == (ALLEGRO.n_joints * 16, 320, 640, 3)
+    assert film.shape == (ALLEGRO.n_joints * 4, 320, 640, 3)
     moves = abs(film[1:].astype(int) - film[:-1]).max((1, 2, 3)) > 40
     assert moves.mean() > 0.9
 
