@@ -25,7 +25,6 @@ from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command, fingertips_of
 from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Interface, make_interface
-from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS
 from lerobot_dexflex.recording.schema import columns, privileged_columns, rounded
 
 
@@ -154,7 +153,7 @@ def one_thread() -> Iterator[None]:
 @functools.cache
 def _interface(name: str, controller: str) -> Interface:
     """Return this process's interface; a controller takes a second to load."""
-    return make_interface(name, controller)
+    return make_interface(LEAP, name, controller)
 
 
 def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool, hand: GlovedHand) -> Attempt:
@@ -169,7 +168,7 @@ def _frame(observation: dict[str, Any], command: Command, loads: NDArray) -> dic
     images = {f"observation.images.{name}": image for name, image in observation["pixels"].items()}
     numbers = {key: observation[name] for name, key in LEROBOT_KEYS.items()}
     joints = command.joint_targets
-    action = np.concatenate([joints, fingertips_of(joints[-N_JOINTS:]).ravel()])
+    action = np.concatenate([joints, fingertips_of(joints[-LEAP.n_joints :]).ravel()])
     privileged = {"operator.draft": command.draft[0].ravel(), "contact.loads": loads}
     return images | numbers | {"action": action} | privileged
 

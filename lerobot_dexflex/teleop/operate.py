@@ -11,6 +11,7 @@ from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.source import check_source
 from lerobot_dexflex.conventions import CONTROL_PERIOD
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.recording.attempt import one_thread
 from lerobot_dexflex.recording.recipe import SIMULATED
@@ -95,7 +96,7 @@ def _leader(config: TeleopConfig, say: Say) -> Iterator[Leader]:
 
 
 def _hands(config: TeleopConfig) -> Hands:
-    interface = make_interface(config.interface, config.controller)
+    interface = make_interface(LEAP, config.interface, config.controller)
     if config.source != SIMULATED:
         return Hands(interface)
     errors, source = CommandErrors.parse(config.simulated.glove), check_source(config.simulated.source)
