@@ -16,6 +16,7 @@ from lerobot_dexflex.evaluation.reach.bounds import ORACLE
 from lerobot_dexflex.evaluation.reach.chain_book import TEST_SEED, TUNING_SEED, ChainBook
 from lerobot_dexflex.evaluation.reach.episodes import COLUMNS, chain_digest, run_episodes
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.method import Method, require_drafts
 from lerobot_dexflex.interfaces.protocol import Interface
 from lerobot_dexflex.runs.jobs import Job, run_missing, wanted
@@ -183,4 +184,4 @@ def _chains(book: ChainBook, count: int) -> dict[int, Chain]:
 @functools.cache
 def _interface(method: str, controller: str) -> Interface:
     torch.set_num_threads(1)
-    return Method.parse(method).make(controller)
+    return Method.parse(method).make(LEAP, controller)

@@ -15,6 +15,7 @@ from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.privileged import OperatorInterface
 from lerobot_dexflex.experts.reach.chains import MAX_STEPS, Chain, build_chain
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.runs.lock import locked
 from lerobot_dexflex.runs.workers import run_each
 
@@ -128,7 +129,7 @@ def operator_steps(chain: Chain) -> int:
 
     `MAX_STEPS` if it drops the object.
     """
-    (episode,) = run_chains([chain], NO_ERRORS, OperatorInterface())
+    (episode,) = run_chains([chain], NO_ERRORS, OperatorInterface(LEAP))
     return MAX_STEPS if episode.dropped else episode.steps
 
 

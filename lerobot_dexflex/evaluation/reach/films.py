@@ -13,6 +13,7 @@ from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.report.film import Film, side_by_side
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.method import Method
 
 
@@ -65,7 +66,7 @@ def show_episode(
     for name in methods:
         stem = f"{condition}_{chain.seed}_{name.replace(':', '_')}"
         clips.append(folder / "videos" / f"{stem}.mp4")
-        interface = _Observed(Method.parse(name).make(controller))
+        interface = _Observed(Method.parse(name).make(LEAP, controller))
         log = RerunLog(folder / "rerun" / f"{stem}.rrd", name, chain.seed)
         watcher = _Watcher(interface, Film(clips[-1]), log)
         (episodes[name],) = run_chains([chain], parsed.errors, interface, source=parsed.source, watch=watcher)

@@ -25,6 +25,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.press import PressInterface, make_press
 from lerobot_dexflex.runs.jobs import Job, run_missing
 from lerobot_dexflex.runs.provenance import method_version
@@ -69,7 +70,7 @@ class Trial(NamedTuple):
     def make(self) -> PressInterface:
         """Build the interface."""
         options: dict[str, Any] = {name: value for name, value in self.settings.items() if name != "gain"}
-        interface = make_press(**options | {name: bool(options[name]) for name in SWITCHES})
+        interface = make_press(LEAP, **options | {name: bool(options[name]) for name in SWITCHES})
         interface.gain = self.settings["gain"]
         return interface
 

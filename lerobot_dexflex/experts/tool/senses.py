@@ -36,12 +36,12 @@ class ToolSenses:
     """
 
     def __init__(self, env: Any, tool: Tool) -> None:
-        self.env, self.tool, self.friction = env, tool, tool.friction
+        self.env, self.hand, self.tool, self.friction = env, env.hand, tool, tool.friction
         model = env.model
         self._body = model.body(tool.body).id
         self.mass = float(model.body_subtreemass[self._body])
         self._palm = model.body("palm").id
-        self._contacts = FingerContacts(model, self._body)
+        self._contacts = FingerContacts(self.hand, model, self._body)
         self._tips = [model.site(f"{finger}_tip").id for finger in LEAP.prefixes]
         self._joints = [model.joint(name).qposadr[0] for name in LEAP.joint_names]
 
