@@ -9,9 +9,8 @@ from lerobot_dexflex.envs.driver_and_screw import BIT_LENGTH, HANDLE_LENGTH
 from lerobot_dexflex.envs.screwdriver import ScrewdriverEnv
 from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE
-from lerobot_dexflex.experts.tool.grip import Grip, Handle, all_fingers, grip_handle, without
+from lerobot_dexflex.experts.tool.grip import Handle, all_fingers, without
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
-from lerobot_dexflex.experts.tool.holds import PUSH, BarHold
 from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.screwing import UP, Screw, Strokes, aligned, grasp_again, insert, turn
 from lerobot_dexflex.experts.tool.script import Pose, Script
@@ -32,11 +31,6 @@ GRASP_AT = 0.068
 ALL_FINGERS = 0.4
 """How often all fingers help until they grasp again; else, and then, the last that does not oppose is out: it
 would slip past the handle's end."""
-PADS_TURNED, PADS_TURN = (-0.175, 0.375), -0.45
-"""How the pads of fingers that do not oppose, and of those that do, are turned about the handle in the middle
-of a stroke [rad], and that they turn the other way, by this share, when they roll it: fingers bend."""
-ASIDE = 0.002
-"""How far the opposing pads are off where they touch [m]."""
 STROKES = Strokes(angle=1.4, most=12, room=0.012, room_back=0.012, squeeze=3.0, ahead=0.4, press=0.007)
 """Long strokes; the bit slips in the screw while it is not pressed, so that the pads may stay near."""
 
@@ -48,7 +42,8 @@ def demonstrate(env: ScrewdriverEnv, rng: np.random.Generator) -> Iterator[Comma
     for the next command.
     """
     episode, holds = env.episode, holds_of(env.hand)
-    hold = holds.driver
+    hold = holds.driver.bar
+    strokes = STROKES._replace(angle=holds.driver.stroke)
     shape = ObjectSpec("cylinder", (episode.handle_radius, HANDLE_LENGTH / 2), episode.mass)
     middle, at = np.array([0.0, 0.0, HANDLE_LENGTH / 2]), np.array([0.0, 0.0, GRASP_AT])
     senses = ToolSenses(env, Tool("driver", shape, middle, episode.tip_friction))
@@ -58,11 +53,11 @@ def demonstrate(env: ScrewdriverEnv, rng: np.random.Generator) -> Iterator[Comma
     grasp_point, palm = position + rotation @ at, _toward(position)
     handle = Handle(hold.centre, palm.T @ rotation[:, 2], episode.handle_radius)
     fingers = all_fingers(env.hand) if rng.random() < ALL_FINGERS else without(env.hand, -1)
-    grip = _grip(hold, fingers, handle)
+    grip = holds.driver.grip(fingers, handle)
 
     script.care = 0.5
     hand.go(grip.open, 22)
-    yield from script.swing(grasp_point + 0.09 * palm[:, 2], palm, 26, ARM_FORWARD)
+    yield from script.swing(grasp_point + hold.approach * palm[:, 2], palm, 26, ARM_FORWARD)
     script.care = 0.2
     yield from script.take(grip, grasp_point, palm, 15)
     yield from script.glide(script.position + 0.06 * rotation[:, 2], palm, 12)
@@ -91,37 +86,13 @@ def demonstrate(env: ScrewdriverEnv, rng: np.random.Generator) -> Iterator[Comma
             lambda: env.goal_position,
         )
         hand.squeeze(STROKES.squeeze, FRICTION_SHARE)
-        turning = partial(_grip, hold, without(env.hand, -1))
+        turning = partial(holds.driver.grip, without(env.hand, -1))
         for _ in range(TRIES):
-            yield from turn(script, screw, turning, STROKES)
+            yield from turn(script, screw, turning, strokes)
             hand.keep()
             yield from script.hold(10)
-            yield from grasp_again(script, screw, turning, STROKES, 0.0)
+            yield from grasp_again(script, screw, turning, strokes, 0.0)
             yield from script.hold(12)
-
-
-def _grip(
-    hold: BarHold, fingers: tuple[int, ...], handle: Handle, back: float = 0.0, room: float | None = None
-) -> Grip:
-    """Return the grip of a handle whose fingers have rolled it back by an angle [rad] from their middle."""
-    hand = hold.hand
-    turned, beside = np.full(hand.n_fingers, PADS_TURNED[0]), np.zeros(hand.n_fingers)
-    turned[list(hand.opposing_fingers)], beside[list(hand.opposing_fingers)] = PADS_TURNED[1], ASIDE
-    around = -turned + PADS_TURN * back
-    beside = beside - handle.radius * (1 - PADS_TURN) * back
-    return grip_handle(
-        hand,
-        hold.frame,
-        handle,
-        hold.along,
-        PUSH,
-        fingers,
-        hold.touch,
-        hold.idle,
-        hold.room if room is None else room,
-        around,
-        beside,
-    )
 
 
 def _toward(position: Array) -> Array:

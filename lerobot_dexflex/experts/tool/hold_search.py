@@ -11,8 +11,8 @@ import torch
 from scipy.optimize import minimize
 
 from lerobot_dexflex.experts.command import Array
-from lerobot_dexflex.experts.tool.grip import Handle, pad_places
-from lerobot_dexflex.experts.tool.holds import BAR_RADIUS, PUSH, BarHold, Habit, Holds
+from lerobot_dexflex.experts.tool.grip import Handle, pad_places, without
+from lerobot_dexflex.experts.tool.holds import BAR_RADIUS, PUSH, BarHold, DriverHold, Habit, Holds
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.contacts import solve_pads
 from lerobot_dexflex.hand.grasp_frame import palm_turn
@@ -26,6 +26,12 @@ _RADII, _LEANS, _TURNS = (0.010, 0.013, 0.016), (-0.3, 0.0, 0.3), (-0.35, 0.0, 0
 _DISTANCE, _MISALIGNMENT, _MARGIN = 0.002, 0.05, 0.1
 """What counts as much: pads off by so much [m], one minus the cosine of their tilt, and joints that are at
 their limits; these count less the farther from them they are, up to this angle [rad]."""
+_APPROACH = 0.2
+"""From where hands reach straight for a driver [m]: they may turn on their way to there."""
+_ROLL, _PER_METRE = 0.9, 50.0
+"""How far fingers roll a driver in a stroke [rad], and what angle is searched for like a metre [rad/m]."""
+_ROLLING_V = 0.275
+"""By how much the pads that roll a driver are turned toward each other [rad], on each side."""
 _V = 0.25
 """By how much the two pads of a habit are turned toward each other [rad]."""
 _SHIFT = -0.03
@@ -39,7 +45,8 @@ def find_holds(hand: Hand) -> Holds:
     """Return how a hand holds tools."""
     frame = working_frame(hand)
     bar = _find_bar(hand, frame)
-    return Holds(frame, bar, bar, bar, (_find_habit(hand, frame, 0), _find_habit(hand, frame, 1)))
+    habits = _find_habit(hand, frame, 0), _find_habit(hand, frame, 1)
+    return Holds(frame, bar, bar, _find_driver(bar), habits)
 
 
 def working_frame(hand: Hand) -> Array:
@@ -59,15 +66,14 @@ def _nominal(hand: Hand, frame: Array) -> Array:
 def _find_bar(hand: Hand, frame: Array) -> BarHold:
     opposed, opposing = list(hand.opposed_fingers), list(hand.opposing_fingers)
     nominal = _nominal(hand, frame)
-    middle = nominal[opposed].mean(0)
-    start = 0.5 * (middle + nominal[opposing].mean(0))
-    along = nominal[:, 1] - middle[1]
+    start = 0.5 * (nominal[opposed].mean(0) + nominal[opposing].mean(0))
 
     def made(values: Array) -> BarHold:
-        places = along.copy()
-        places[opposing] += values[2]
-        centre = np.array([start[0] + values[0], middle[1], start[2] + values[1]])
-        return BarHold(hand, frame, centre, np.array(hand.nominal_joints), _idle(hand), places, room=ROOM)
+        centre, along = start + values[:3], nominal[:, 1].copy()
+        along[opposed] += values[3]
+        along[opposing] += values[4]
+        along -= centre[1]
+        return BarHold(hand, frame, centre, np.array(hand.nominal_joints), _idle(hand), along, room=ROOM)
 
     def asked(hold: BarHold) -> Iterable[Places]:
         for radius in _RADII:
@@ -75,9 +81,29 @@ def _find_bar(hand: Hand, frame: Array) -> BarHold:
                 axis = rotation_matrix(np.array([lean, 0.0, 0.0])) @ np.array([0.0, 1.0, 0.0])
                 yield pad_places(hand, frame, Handle(hold.centre, axis, radius), hold.along, PUSH)
 
-    hold = made(_best(hand, range(hand.n_fingers), lambda values: asked(made(values)), 3))
+    hold = made(_best(hand, range(hand.n_fingers), lambda values: asked(made(values)), 5))
     bar = Handle(hold.centre, np.array([0.0, 1.0, 0.0]), BAR_RADIUS)
     return hold._replace(touch=_solved(hand, [pad_places(hand, frame, bar, hold.along, PUSH)])[0])
+
+
+def _find_driver(bar: BarHold) -> DriverHold:
+    hand, opposed, opposing = bar.hand, list(bar.hand.opposed_fingers), list(bar.hand.opposing_fingers)
+
+    def made(values: Array) -> DriverHold:
+        along, around = bar.along.copy(), np.zeros(hand.n_fingers)
+        along[opposing] += values[3]
+        turn = _PER_METRE * values[4]
+        around[opposed], around[opposing] = turn + _ROLLING_V, turn - _ROLLING_V
+        rolled = bar._replace(centre=bar.centre + values[:3], along=along, approach=_APPROACH)
+        return DriverHold(rolled, around, _ROLL)
+
+    def asked(hold: DriverHold) -> Iterable[Places]:
+        for radius in _RADII[:2]:
+            handle = Handle(hold.bar.centre, np.array([0.0, 1.0, 0.0]), radius)
+            for back in (-_ROLL / 2, 0.0, _ROLL / 2):
+                yield pad_places(hand, bar.frame, handle, hold.bar.along, PUSH, *hold.places(handle, back))
+
+    return made(_best(hand, without(hand, -1), lambda values: asked(made(values)), 5))
 
 
 def _find_habit(hand: Hand, frame: Array, place: int) -> Habit:
@@ -137,7 +163,7 @@ def _best(
         cost,
         np.zeros(unknowns),
         method="Nelder-Mead",
-        options={"initial_simplex": simplex, "maxiter": 100, "xatol": 1e-4, "fatol": 1e-3},
+        options={"initial_simplex": simplex, "maxiter": 60 * unknowns, "xatol": 1e-4, "fatol": 1e-3},
     )
     return found.x
 

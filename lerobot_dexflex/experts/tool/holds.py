@@ -17,6 +17,10 @@ PUSH = np.array([-1.0, 0.0, 0.0])
 """Where fingers that do not oppose push."""
 BAR_RADIUS = 0.012
 """Radius of the bars that habits are found with [m]."""
+PADS_TURN = -0.45
+"""While pads roll a bar they turn the other way, by this share: fingers bend."""
+ASIDE = 0.002
+"""How far the opposing pads are off where they touch a bar that is rolled [m]."""
 
 
 class BarHold(NamedTuple):
@@ -38,6 +42,8 @@ class BarHold(NamedTuple):
     """Turn of the push about the bar [rad]."""
     room: float = 0.024
     """How far from the bar the open pads are [m]."""
+    approach: float = 0.09
+    """From how far the hand reaches straight for an upright tool [m]: before, it may turn."""
 
     @property
     def push(self) -> Array:
@@ -49,6 +55,48 @@ class BarHold(NamedTuple):
         bar = Handle(self.centre, axis, half_width)
         return grip_handle(
             self.hand, self.frame, bar, self.along, self.push, fingers, self.touch, self.idle, self.room
+        )
+
+
+class DriverHold(NamedTuple):
+    """A hold of a bar along y of the working frame that fingers roll about its axis."""
+
+    bar: BarHold
+    """The hold in the middle of a stroke."""
+    around: Array
+    """By how much the push of each finger is turned about the bar there [rad]. Shape (fingers,)."""
+    stroke: float
+    """How far fingers roll the bar before they grasp it again [rad]."""
+
+    def places(self, handle: Handle, back: float) -> tuple[Array, Array]:
+        """Return how the push of each finger is turned [rad], and how far pads are off sideways [m].
+
+        Args:
+            handle: The bar.
+            back: By how much the fingers have rolled it back from the middle of a stroke [rad].
+        """
+        beside = np.zeros(len(self.around))
+        beside[list(self.bar.hand.opposing_fingers)] = ASIDE
+        return self.around + PADS_TURN * back, beside - handle.radius * (1 - PADS_TURN) * back
+
+    def grip(
+        self, fingers: tuple[int, ...], handle: Handle, back: float = 0.0, room: float | None = None
+    ) -> Grip:
+        """Return the grip of a bar whose fingers have rolled it back by an angle [rad]."""
+        bar = self.bar
+        around, beside = self.places(handle, back)
+        return grip_handle(
+            bar.hand,
+            bar.frame,
+            handle,
+            bar.along,
+            PUSH,
+            fingers,
+            bar.touch,
+            bar.idle,
+            bar.room if room is None else room,
+            around,
+            beside,
         )
 
 
@@ -100,7 +148,7 @@ class Holds(NamedTuple):
     """Of tools that lie level and are gripped from above."""
     pitcher: BarHold
     """Of an upright handle that is gripped from behind."""
-    driver: BarHold
+    driver: DriverHold
     """Of an upright handle that is gripped from behind and turned."""
     habits: tuple[Habit, Habit]
     """Of upright bars that are gripped from above and turned: with the first two fingers, or the next."""

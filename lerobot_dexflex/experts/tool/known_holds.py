@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from lerobot_dexflex.experts.tool.hold_search import find_holds
-from lerobot_dexflex.experts.tool.holds import BarHold, Habit, Holds
+from lerobot_dexflex.experts.tool.holds import BarHold, DriverHold, Habit, Holds
 from lerobot_dexflex.hands import Hand
 
 _IDLE = np.array((0.3, 0.0, 0.3, 0.3) * 3 + (1.6, 0.2, 0.8, -0.2))
@@ -53,8 +53,12 @@ def _leap(hand: Hand) -> Holds:
             along=np.array([0.045, 0.0, -0.045, -0.010]),
             turn=0.081,
         ),
-        driver=bar._replace(
-            centre=np.array([-0.0405, -0.0353, -0.1301]), along=np.array([0.043, 0.0, -0.043, 0.018])
+        driver=DriverHold(
+            bar._replace(
+                centre=np.array([-0.0405, -0.0353, -0.1301]), along=np.array([0.043, 0.0, -0.043, 0.018])
+            ),
+            around=np.array([0.175, 0.175, 0.175, -0.375]),
+            stroke=1.4,
         ),
         habits=(
             Habit(
