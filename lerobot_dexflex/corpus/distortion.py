@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.commands.families import NO_ERRORS, CommandError, CommandErrors
 from lerobot_dexflex.commands.stream import ErrorStream
 from lerobot_dexflex.experts.reach.sensing import HandState
+from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ class Distortion:
     """
 
     def __init__(self, errors: CommandErrors, rng: np.random.Generator) -> None:
-        self._stream, self._rng = ErrorStream(1), rng
+        self._stream, self._rng = ErrorStream(LEAP, 1), rng
         self._stream.begin(0, errors, [rng for _ in errors])
         self._active, self._left = False, int(rng.integers(*_STRETCH))
 

@@ -98,7 +98,9 @@ class TeleoperatorController:
         expert, source = make_expert(self._teleoperators.task), self._teleoperators.source
         for row, (env, seed) in enumerate(zip(environments, self._seeds, strict=True)):
             self._commands.append(expert(env.unwrapped, np.random.default_rng((seed, _OWN))))
-            self._hands.append(GlovedHand(self._observers[row], self._errors, seed, source))
+            self._hands.append(
+                GlovedHand(env.unwrapped.hand, self._observers[row], self._errors, seed, source)
+            )
 
     def act(self, observation: Mapping[str, Any], task: str) -> NDArray[np.floating]:
         """Return joint targets [rad], shape (batch, 23); an expert that is done keeps its last command."""
