@@ -119,7 +119,7 @@ class ReplayController:
         self, actions: NDArray[np.float32], interface: str, errors: CommandErrors = NO_ERRORS
     ) -> None:
         self._actions = torch.from_numpy(np.array(actions, np.float64))
-        self._interface = DisturbedInterface(LEAP, make_interface(interface), errors)
+        self._interface = DisturbedInterface(LEAP, make_interface(LEAP, interface), errors)
         self._step = 0
 
     def reset(self, seeds: Sequence[int]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hands.body import PALM, Box, Inertia, Link, Motor, Quaternion, Shape, Vector3
 from lerobot_dexflex.hands.finger import Finger
-from lerobot_dexflex.hands.tables import Tables, tables_of
+from lerobot_dexflex.hands.tables import Tables, rotation_of, tables_of
 
 Array = NDArray[np.float64]
 
@@ -191,6 +191,11 @@ class Hand:
     def opposed_fingers(self) -> tuple[int, ...]:
         """Indices of the fingers that the opposing ones press against."""
         return tuple(k for k in range(self.n_fingers) if k not in self.opposing_fingers)
+
+    @cached_property
+    def pad_rotations(self) -> Array:
+        """Orientation of each pad in its distal link: along, across, outward. Shape (fingers, 3, 3)."""
+        return _fixed(np.array([rotation_of(finger.pad_quaternion) for finger in self.fingers]))
 
     @cached_property
     def joint_lower(self) -> Array:

@@ -12,7 +12,7 @@ from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer
 from lerobot_dexflex.conventions import FINGERTIPS, TACTILE
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import pads
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH, DraftReading, DraftWatch, checked_draft
@@ -50,16 +50,17 @@ class LearnedInterface(CommandedInterface):
     `FreeFingers`). `explanation` tells.
 
     Args:
+        hand: The hand that it serves.
         controller: The controller, its folder or hub id; the shipped one if None. A folder's is loaded once
             and shared: interfaces keep what they remember beside it.
     """
 
-    def __init__(self, controller: DexFlexController | str | Path | None) -> None:
-        super().__init__()
+    def __init__(self, hand: Hand, controller: DexFlexController | str | Path | None) -> None:
+        super().__init__(hand)
         if not isinstance(controller, DexFlexController):
             controller = shared_controller(find_controller(controller))
         self.controller = controller.eval()
-        self._touch, self._drafts, self._past = TouchWatch(), DraftWatch(), HistoryBuffer()
+        self._touch, self._drafts, self._past = TouchWatch(hand), DraftWatch(), HistoryBuffer()
         self._fingers = FreeFingers()
         self._explanation: Explanation | None = None
 
@@ -89,7 +90,7 @@ class LearnedInterface(CommandedInterface):
         """Take in this step's observation and draft."""
         measured = self._hand.look(observation)
         joints, tips = measured
-        checked = checked_draft(draft, len(joints))
+        checked = checked_draft(self.hand, draft, len(joints))
         if self.controller.scale.scale.device != joints.device:  # Asking each weight costs a millisecond.
             self._move(joints.device)
         touch = self._touch.look(observation, len(joints))
@@ -109,8 +110,8 @@ class LearnedInterface(CommandedInterface):
             self._past.remember(draft)
             return sensed
         found = self.controller.squeeze(state, draft.float()).double()
-        touching = (loads_of(sensed.touch.tactile) > CONTACT_FORCE) | history.tactile_missing
-        inward = pads(LEAP, sensed.measured.joints)[1]
+        touching = (loads_of(self.hand, sensed.touch.tactile) > CONTACT_FORCE) | history.tactile_missing
+        inward = pads(self.hand, sensed.measured.joints)[1]
         pressed = torch.minimum((found * inward).sum(-1), (draft[:, 0] * inward).sum(-1))
         squeezes = touching & (pressed > LEAST_SQUEEZE)
         squeeze = torch.where(squeezes[..., None], found, 0.0)
@@ -121,13 +122,14 @@ class LearnedInterface(CommandedInterface):
     def _free(self, sensed: Sensed, history: History) -> Tensor:
         """Return which fingers follow their draft as it came. (batch, 4) bool; call it once per step."""
         late = sensed.draft.health == DRAFT_HEALTH.index("late")
-        inward = pads(LEAP, sensed.measured.joints)[1]
+        inward = pads(self.hand, sensed.measured.joints)[1]
         return self._fingers.look(sensed.draft.draft, self._loads(sensed, history), inward, late)
 
-    @staticmethod
-    def _loads(sensed: Sensed, history: History) -> Tensor:
+    def _loads(self, sensed: Sensed, history: History) -> Tensor:
         """Return the felt load of each finger [N], NaN where touch is missing. Shape (batch, 4)."""
-        return loads_of(sensed.touch.tactile).double().masked_fill(history.tactile_missing, torch.nan)
+        return (
+            loads_of(self.hand, sensed.touch.tactile).double().masked_fill(history.tactile_missing, torch.nan)
+        )
 
     def _explain(
         self,

@@ -137,7 +137,7 @@ def run_attempt(
     options: dict[str, Any] = {} if cameras else {"cameras": ()}
     env = gymnasium.make(f"{NAMESPACE}/{task}", hand=hand, disable_env_checker=True, **options)
     try:
-        errors, below = CommandErrors.parse(glove), _interface(interface, controller)
+        errors, below = CommandErrors.parse(glove), _interface(hand, interface, controller)
         gloved = GlovedHand(hand, below, errors, (seed, index, 1), check_source(source))
         return _run(env, expert, seed, index, cameras, gloved)
     finally:
@@ -156,9 +156,9 @@ def one_thread() -> Iterator[None]:
 
 
 @functools.cache
-def _interface(name: str, controller: str) -> Interface:
+def _interface(hand: Hand, name: str, controller: str) -> Interface:
     """Return this process's interface; a controller takes a second to load."""
-    return make_interface(name, controller)
+    return make_interface(hand, name, controller)
 
 
 def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool, hand: GlovedHand) -> Attempt:

@@ -89,7 +89,7 @@ def _leader(config: TeleopConfig, say: Say) -> Iterator[Leader]:
 
 def _hands(config: TeleopConfig) -> Hands:
     hand = get_hand(config.hand)
-    interface = make_interface(config.interface, config.controller)
+    interface = make_interface(hand, config.interface, config.controller)
     if config.source != SIMULATED:
         return Hands(hand, interface)
     errors, source = CommandErrors.parse(config.simulated.glove), check_source(config.simulated.source)

@@ -27,6 +27,7 @@ class Listener:
     """An interface that remembers the drafts it gets and never moves."""
 
     name: str = "listener"
+    hand = LEAP
     motion: torch.Tensor | None = None
 
     def __init__(self, command_space: CommandSpace = "draft"):
@@ -194,7 +195,7 @@ def test_an_interface_under_removals_moves_the_hand_as_told():
     """`raw` takes the finger off at once, half as far with half the gain."""
     lifted = {}
     for name in ("raw", "raw@0.5"):
-        removal = DisturbedInterface(LEAP, make_interface(name), REMOVAL)
+        removal = DisturbedInterface(LEAP, make_interface(LEAP, name), REMOVAL)
         removal.begin([SEED])
         path = []
         for _ in range(30):

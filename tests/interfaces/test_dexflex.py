@@ -10,6 +10,7 @@ from learned_cases import draft_of, flex, joints_of, noisy, tips_of
 from lerobot_dexflex.controller import DexFlexController, HistoryBuffer, SelectionSettings
 from lerobot_dexflex.conventions import FINGERTIPS
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.dexflex import SLOW_PERIOD, DexFlexInterface, ablated
 from lerobot_dexflex.interfaces.explanation import BRANCHES
 from lerobot_dexflex.interfaces.registry import INTERFACES
@@ -33,7 +34,7 @@ def test_no_selection_executes_the_draft_exactly(controller):
 
 
 def test_an_untrained_controller_is_usable(untrained):
-    interface = DexFlexInterface(untrained)
+    interface = DexFlexInterface(LEAP, untrained)
     assert interface.settings.n_candidates == 36
     assert torch.isfinite(interface.step(observation(2), draft_of(2))).all()
 

@@ -8,9 +8,10 @@ import torch
 from interface_cases import STATE, TACTILE, observation, row
 from learned_cases import LEARNED, draft_of, flex, joints_of, noisy
 
+from lerobot_dexflex.conventions import CONTROL_PERIOD
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
-from lerobot_dexflex.interfaces.commanded_hand import LARGEST_STEP
 
 CLOSE = {"rtol": 0, "atol": 1e-5}
 """Of joint targets [rad]: matrices of float32 are multiplied in another order in batches of another size."""
@@ -85,7 +86,7 @@ def test_no_joint_target_is_faster_than_the_servo_whatever_is_asked_or_measured(
             seen[STATE] = seen[STATE] + 2.0  # All encoders jump.
         targets.append(interface.step(noisy(seen, k), draft_of(2, k, size=10.0 ** (k % 4 - 3))))
     steps = [float((after - before).abs().max()) for before, after in pairwise(targets)]
-    assert max(steps) <= LARGEST_STEP + 1e-12
+    assert max(steps) <= LEAP.joint_speeds.min() * CONTROL_PERIOD + 1e-12
     assert max(steps) > 0.2  # There was something to bound.
 
 
@@ -193,7 +194,7 @@ def test_a_step_that_fails_after_the_grip_felt_is_forgotten_by_the_grip_as_well(
 def test_a_controller_of_another_draft_hand_or_rate_is_refused(controller_folder, tmp_path, base):
     for file in controller_folder.iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())
-    assert make_interface(base, tmp_path).step(observation(1), draft_of(1)).shape == (1, 16)
+    assert make_interface(LEAP, base, tmp_path).step(observation(1), draft_of(1)).shape == (1, 16)
     config = json.loads((tmp_path / "config.json").read_text())
     for name, value, message in (
         ("draft_definition", "displacement_of_commanded", "drafts are 'displacement_of_commanded'.*anew"),
@@ -202,7 +203,7 @@ def test_a_controller_of_another_draft_hand_or_rate_is_refused(controller_folder
     ):
         (tmp_path / "config.json").write_text(json.dumps({**config, name: value}))
         with pytest.raises(DexFlexError, match=message):
-            make_interface(base, tmp_path)
+            make_interface(LEAP, base, tmp_path)
 
 
 @learned
