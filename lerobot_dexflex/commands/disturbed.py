@@ -103,7 +103,7 @@ class DisturbedInterface(WrappedInterface):
         return torch.where(struck.index_select(-1, finger_of_joint), solved, draft)
 
     def _felt(self, observation: Mapping[str, Tensor], joints: Tensor) -> tuple[Tensor, Tensor]:
-        """Return loads [N] (batch, fingers) and inward normals (batch, fingers, 3) of the fingertips, for removals."""
+        """Return loads [N], (batch, fingers), and inward normals, (batch, fingers, 3), for removals."""
         fingers = self._hand.n_fingers
         if not self._removes:
             return joints.new_zeros(len(joints), fingers), joints.new_zeros(len(joints), fingers, 3)

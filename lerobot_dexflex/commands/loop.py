@@ -126,7 +126,7 @@ class Slot:
         self._keep(draft=draft, loads=self.state.loads, in_event=in_event)
 
     def advance(self, joints: Array, selected: Array, explanation: Any) -> bool:
-        """Execute joints [rad] (joints,) that move the tips by `selected` [m] (fingers, 3); say if it goes on."""
+        """Execute joints [rad], which move the tips by `selected` [m] (fingers, 3); say if it goes on."""
         self.state = self.held.execute(joints)
         self.observation = self.held.env.observe()
         self._keep(selected=selected)

@@ -62,10 +62,19 @@ class Hand:
     """Unit vector across the palm from the last toward the first of the fingers that do not oppose."""
     excluded: tuple[tuple[str, str], ...] = ()
     """Pairs of links that never collide with each other, because their shapes overlap at a joint."""
+    open_joints: tuple[float, ...] = ()
+    """A person's flat, open hand: fingers straight, the thumb spread [rad]. Shape (joints,); none means zero
+    angles, or the limits nearest to it."""
+    loose_joints: tuple[float, ...] = ()
+    """A loosely bent hand, which fingers prefer where a person leaves them free [rad]. Shape (joints,); none
+    means `nominal_joints`."""
 
     def __post_init__(self) -> None:
         if len(self.fingers) < 2:
             raise DexFlexError(f"Hand '{self.name}' needs two fingers or more. Got {len(self.fingers)}.")
+        straight = tuple(float(np.clip(0.0, *link.joint_range)) for link in self.links)
+        object.__setattr__(self, "open_joints", self.open_joints or straight)
+        object.__setattr__(self, "loose_joints", self.loose_joints or self.nominal_joints)
         self._check_names()
         self._check_postures()
         self._check_sizes()
@@ -86,7 +95,7 @@ class Hand:
             _check_known("`excluded`", name, (PALM, *self.link_names))
 
     def _check_postures(self) -> None:
-        for field in ("relaxed_joints", "nominal_joints", "idle_joints"):
+        for field in ("relaxed_joints", "nominal_joints", "idle_joints", "open_joints", "loose_joints"):
             posture = getattr(self, field)
             if len(posture) != self.n_joints:
                 raise DexFlexError(

@@ -6,11 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP
-from lerobot_dexflex.hands import Hand
+from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP, robot_joints
+from lerobot_dexflex.hands import Hand, get_hand
 
 FPS = round(1 / (SUBSTEPS * TIMESTEP))
 """Frames per second of datasets: the control rate."""
+_ON_ARM = "_xarm7"
+"""Follows the name of a hand that is on an arm."""
 
 # Powers of two are exact in float32 and leave its low bits zero, which is what compresses.
 ANGLE_STEP = 2.0**-14
@@ -120,7 +122,18 @@ def lerobot_features(table: dict[str, Column], images: dict[str, tuple[int, ...]
 
 def robot_type(hand: Hand, joints: Sequence[str]) -> str:
     """Return LeRobot's name of the robot with these joints: the hand on its arm, or the hand alone."""
-    return f"{hand.name}_xarm7" if len(joints) > hand.n_joints else hand.name
+    return f"{hand.name}{_ON_ARM}" if len(joints) > hand.n_joints else hand.name
+
+
+def robot_of(robot_type: str) -> tuple[Hand, tuple[str, ...]]:
+    """Return the hand and the joints of a robot by LeRobot's name of it: the inverse of `robot_type`.
+
+    Raises:
+        DexFlexError: If there is no such hand.
+    """
+    name = robot_type.removesuffix(_ON_ARM)
+    hand = get_hand(name)
+    return hand, hand.joint_names if name == robot_type else robot_joints(hand)
 
 
 def _tip_names(hand: Hand) -> list[str]:

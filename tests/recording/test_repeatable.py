@@ -97,10 +97,10 @@ def test_workers_and_interruptions_do_not_show_in_a_recording(tmp_path, monkeypa
     assert record.record(config("here", 0), [])
     original = attempt.run_attempt
 
-    def interrupted(task, seed, index, **options):
+    def interrupted(hand, task, seed, index, **options):
         if index == 1:
             raise KeyboardInterrupt
-        return original(task, seed, index, **options)
+        return original(hand, task, seed, index, **options)
 
     with monkeypatch.context() as patch:
         patch.setattr(record, "run_attempt", interrupted)

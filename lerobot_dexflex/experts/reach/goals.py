@@ -120,7 +120,9 @@ class GoalDraws:
         joints = solve_fingertips(hand, wanted, start, posture_weight=0.004, iterations=8)
         error = (wanted - fingertips(hand, joints)).norm(dim=-1).numpy()[:, holding].max(1, initial=0.0)
         solved, used = joints.numpy(), holding[hand.finger_of_joint]
-        margin = np.minimum(solved - hand.joint_lower, hand.joint_upper - solved)[:, used]
+        # A range that begins at zero ends at a stop, against which a straight finger rests.
+        above = np.where(hand.joint_lower == 0.0, np.inf, solved - hand.joint_lower)
+        margin = np.minimum(above, hand.joint_upper - solved)[:, used]
         short = np.maximum(0.0, _MARGIN - margin.min(1, initial=_MARGIN))
         return joints.numpy(), error + 0.05 * short
 
