@@ -165,7 +165,7 @@ def test_the_command_line_reads_a_file_and_overrides(config, tmp_path, capsys):
 
 def small(output, seed=0, objects=1, hand="leap"):
     """A corpus of few objects; its first episode of a kind exceeds that kind's share."""
-    return CorpusConfig(output, seed, 0, Jobs(1, 0, 0), objects, steps_per_object=20, hand=hand)
+    return CorpusConfig(output, seed, 0, Jobs(1, 0, 0), objects, steps_per_object=20 // objects, hand=hand)
 
 
 def only_shard(config):
