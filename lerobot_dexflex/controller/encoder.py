@@ -59,7 +59,7 @@ class TouchNet(nn.Module):
             nn.Conv2d(12, 24, 3, padding=1),
             nn.ReLU(),
         )
-        self.out = nn.Linear(24 * -(-rows // 2) * -(-columns // 2) + frames + 3, _TOUCH_FEATURES)
+        self.out = nn.Linear(24 * ((rows + 1) // 2) * ((columns + 1) // 2) + frames + 3, _TOUCH_FEATURES)
 
     def forward(self, tactile: Tensor) -> Tensor:
         """Map forces (batch, frames, fingers, *taxels) [N] to features (batch, fingers, 48)."""

@@ -114,11 +114,8 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
             world.disturb(rng, _ACQUISITION_STEPS, varied.object_spec.mass)
         opened = open_episode(varied, world, opening, rng)
         run = RunningEpisode(env, opened, world, ACQUIRED, facts)
-        run.run(
-            Acquisition(opening, rng, strength),
-            Distortion(env.hand, errors, rng),
-            UnsteadyGrip(env.hand, rng),
-        )
+        leader = Acquisition(opening, rng, strength)
+        run.run(leader, Distortion(env.hand, errors, rng), UnsteadyGrip(env.hand, rng))
         facts["released"] = not run.lost_steps
         yield run.finish()._replace(totals={"acquisitions": 1, "released": int(facts["released"])})
 
@@ -129,11 +126,8 @@ def _turned(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Iterato
         turn = None if opening is None else find_turn(env.hand, opening, episode, rng)
         if opening is None or turn is None:
             continue
-        world, errors, strength = (
-            World.sample(env.hand, rng),
-            sample_errors(rng),
-            float(rng.uniform(*_STRENGTH)),
-        )
+        world, errors = World.sample(env.hand, rng), sample_errors(rng)
+        strength = float(rng.uniform(*_STRENGTH))
         world.hinge = turn.hinge
         varied = _varied(episode, rng)
         if rng.random() < _DISTURBED:

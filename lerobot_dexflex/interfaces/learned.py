@@ -133,9 +133,8 @@ class LearnedInterface(CommandedInterface):
 
     def _loads(self, sensed: Sensed, history: History) -> Tensor:
         """Return the felt load of each finger [N], NaN where touch is missing. Shape (batch, fingers)."""
-        return (
-            loads_of(self.hand, sensed.touch.tactile).double().masked_fill(history.tactile_missing, torch.nan)
-        )
+        loads = loads_of(self.hand, sensed.touch.tactile).double()
+        return loads.masked_fill(history.tactile_missing, torch.nan)
 
     def _explain(
         self,

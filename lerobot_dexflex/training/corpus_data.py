@@ -119,10 +119,15 @@ class CorpusData:
         return rows[self.continuing(DRAFT_HORIZON)[rows]]
 
 
+def _all_shards(folder: Path) -> list[Path]:
+    """Return the shards of all splits that training reads."""
+    return sorted(path for split in SPLITS for path in (folder / split).glob("*.safetensors"))
+
+
 def _hand_of(folder: Path) -> Hand:
     """Return the hand of all shards that training reads."""
     first: dict[str, Path] = {}
-    for path in sorted(path for split in SPLITS for path in (folder / split).glob("*.safetensors")):
+    for path in _all_shards(folder):
         first.setdefault(read_header(path)["hand"], path)
     if len(first) > 1:
         found = ", ".join(f"{path} is of '{hand}'" for hand, path in first.items())
@@ -135,7 +140,7 @@ def _hand_of(folder: Path) -> Hand:
 def corpus_digest(folder: Path) -> str:
     """Return a digest of the splits that training reads, by their files' names, sizes and headers."""
     words = []
-    for path in sorted(path for split in SPLITS for path in (folder / split).glob("*.safetensors")):
+    for path in _all_shards(folder):
         with path.open("rb") as file:
             length = int.from_bytes(file.read(8), "little")
             header = file.read(length).decode(errors="replace")
