@@ -49,6 +49,8 @@ class Config:
     """Per method and condition; 0 means 300, or 8 with `demo`."""
     oracle_episodes: int = 48
     """Per condition for oracles, which are slow."""
+    hand: str = "leap"
+    """Name of the hand."""
     controller: str = ""
     """Folder or hub id of the trained controller; empty: the shipped one."""
     reference: str = ""
@@ -62,7 +64,7 @@ class Config:
     group: int = 100
     """Episodes that are run and stored together."""
     output: Path | None = None
-    """Folder; `outputs/degraded/{test,tuning,demo}` if not given."""
+    """Folder; `outputs/degraded/{test,tuning,demo}` if not given, with the name of another hand in front."""
     chains: Path = OUTPUT / "chains"
     """Folder of goal chains, built where missing."""
     films: bool = True
@@ -100,11 +102,12 @@ def _work(config: Config, words: list[str]) -> int:
     benchmark = Benchmark(
         methods=(*console.names(config.methods or methods), *variants),
         conditions=console.names(config.conditions or conditions),
-        output=config.output or OUTPUT / kind,
+        output=config.output or OUTPUT / (kind if config.hand == Config.hand else f"{config.hand}_{kind}"),
         chains=config.chains,
         episodes=config.episodes or episodes,
         oracle_episodes=config.oracle_episodes,
         controller=config.controller,
+        hand=config.hand,
         tuning=config.tuning or config.demo,
         group=config.group,
         batch=config.batch,

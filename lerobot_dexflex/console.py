@@ -50,6 +50,11 @@ def teleop() -> int:
     return _main("lerobot_dexflex.teleop.cli")
 
 
+def hand() -> int:
+    """Run `dexflex-hand`."""
+    return _main("lerobot_dexflex.hand_check.cli")
+
+
 def release() -> int:
     """Run `dexflex-release`."""
     return _main("lerobot_policy_dexflex.release")

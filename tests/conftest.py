@@ -45,14 +45,14 @@ def make_synthetic_dataset(
     av.logging.set_level(av.logging.PANIC)
     joints, rename, extra = joints or robot_joints(LEAP), rename or {}, extra or {}
     images = {f"observation.images.{camera}": (size, size, 3) for camera in cameras}
-    features = lerobot_features(columns(joints), images)
+    features = lerobot_features(columns(LEAP, joints), images)
     features |= {key: {"dtype": "float32", "shape": (n,), "names": None} for key, n in extra.items()}
     arguments = {
         "repo_id": "lerobot-dexflex/synthetic",
         "fps": 20,
         "features": {rename.get(key, key): feature for key, feature in features.items()},
         "root": root,
-        "robot_type": robot_type(joints),
+        "robot_type": robot_type(LEAP, joints),
         "rgb_encoder": RGBEncoderConfig(vcodec="h264", g=2, crf=18),
         "streaming_encoding": True,
         "encoder_queue_maxsize": 1000,

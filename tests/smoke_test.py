@@ -36,6 +36,6 @@ assert info["is_success"] is False
 env.step(observation["agent_pos"])
 env.close()
 
-for command in ("dexflex-record", "dexflex-teleop", "lerobot-train", "lerobot-eval"):
+for command in ("dexflex-hand", "dexflex-record", "dexflex-teleop", "lerobot-train", "lerobot-eval"):
     subprocess.run([Path(sys.prefix, "bin", command), "--help"], check=True, stdout=subprocess.DEVNULL)
 print("installed package works")

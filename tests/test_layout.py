@@ -31,7 +31,7 @@ FLOORS = (
     {"corpus", "recording"},
     {"training"},
     {"evaluation"},
-    {"teleop"},
+    {"hand_check", "teleop"},
     {"lerobot_policy_dexflex"},
 )
 """A package imports from floors below its own, never from above or beside."""

@@ -49,6 +49,7 @@ SET_UP = ("git", "cd", "source")
 """Commands that only prepare a reader's shell; the test stands in a prepared one."""
 PARSED = {
     "dexflex-corpus": "lerobot_dexflex.corpus.cli",
+    "dexflex-hand": "lerobot_dexflex.hand_check.cli",
     "dexflex-record": "lerobot_dexflex.recording.cli",
     "dexflex-teleop": "lerobot_dexflex.teleop.cli",
     "dexflex-train": "lerobot_dexflex.training.cli",
@@ -112,8 +113,10 @@ class Parsed(BaseException):
 
 
 @pytest.fixture
-def parse_only(monkeypatch):
-    """Commands stop, with `Parsed`, when their outermost parser is done; draccus parses within itself."""
+def parse_only(monkeypatch, tmp_path):
+    """Commands know the hand of docs/your_hand.md.
+
+    They stop, with `Parsed`, when their outermost parser is done; draccus parses within itself."""
     depth = 0
 
     def stopping(parse):
@@ -133,6 +136,8 @@ def parse_only(monkeypatch):
     monkeypatch.setattr(draccus, "parse", stopping(draccus.parse))
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stopping(argparse.ArgumentParser.parse_args))
     monkeypatch.chdir(ROOT)
+    (tmp_path / "my_hand.py").write_text("".join(blocks(ROOT / "docs/your_hand.md", "python")))
+    monkeypatch.syspath_prepend(tmp_path)
 
 
 def parseable():
@@ -196,6 +201,7 @@ def anchors(text):
         ("docs/tool_tasks.md", 1300),
         ("docs/datasets.md", 1000),
         ("docs/training.md", 1000),
+        ("docs/your_hand.md", 900),
         ("docs/streams.md", 500),
         ("docs/teleoperation.md", 700),
         ("eval/README.md", 500),

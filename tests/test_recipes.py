@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.recording import RecordConfig
 from lerobot_dexflex.recording.attempt import run_attempt
 
@@ -44,7 +45,8 @@ def test_the_recipe_records_the_dataset_again(recipe):
     config = parse(recipe)
     seeds = json.loads((recipe.parent / "meta/recording.json").read_text())["episode_seeds"]
     how = {name: getattr(config, name) for name in ("glove", "interface", "controller", "source")}
-    attempts = ((k, run_attempt(config.task, config.seed, seeds[k] - config.seed, **how)) for k in range(5))
+    hand, first = get_hand(config.hand), config.seed
+    attempts = ((k, run_attempt(hand, config.task, first, seeds[k] - first, **how)) for k in range(5))
     episode, attempt = next(found for found in attempts if found[1].success)
     table = pq.read_table(recipe.parent / "data/chunk-000/file-000.parquet")
     rows = np.flatnonzero(table["episode_index"].to_numpy() == episode)[:APPROACH]

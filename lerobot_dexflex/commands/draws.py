@@ -11,6 +11,7 @@ from torch import Tensor
 from lerobot_dexflex.commands.families import ONSET, REMOVAL_STEPS, CommandError, CommandErrors
 from lerobot_dexflex.commands.human import HumanErrors
 from lerobot_dexflex.commands.levels import LEVELS
+from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
 
@@ -32,20 +33,21 @@ class ErrorEvent(NamedTuple):
     end: int
     """One past the last step."""
     finger: int | None
-    """Index in `FINGER_NAMES`; None for all fingers."""
+    """Index in `Hand.fingers`; None for all fingers."""
 
 
 class EventSchedule:
     """When the events of one error begin and whom they strike.
 
     Args:
+        hand: Whose fingers are struck.
         error: Of a family with an onset.
         rng: Source of randomness.
         until: Steps to the first event.
     """
 
-    def __init__(self, error: CommandError, rng: np.random.Generator, until: int) -> None:
-        self.error, self._rng, self._until = error, rng, until
+    def __init__(self, hand: Hand, error: CommandError, rng: np.random.Generator, until: int) -> None:
+        self._hand, self.error, self._rng, self._until = hand, error, rng, until
         self._left = 0
         self.finger: int | None = None
         self.outward = np.zeros(3)
@@ -76,7 +78,7 @@ class EventSchedule:
 
     def _strike(self, loads: Array, inward: Array) -> bool:
         if self.error.family == "dropout":
-            self.finger = int(self._rng.integers(4))
+            self.finger = int(self._rng.integers(self._hand.n_fingers))
         elif self.error.family == "removal":
             self.finger = int(np.argmax(loads))
             self.outward = -inward[self.finger]
@@ -88,17 +90,22 @@ class RowErrors:
     """The errors of one hand, step by step.
 
     Args:
+        hand: Whose commands they are.
         errors: What goes wrong.
         generators: Source of randomness of every error, then of the person if there is a level.
         row: Of the batch, for the log.
     """
 
     def __init__(
-        self, errors: CommandErrors, generators: Sequence[np.random.Generator] = (), row: int = 0
+        self,
+        hand: Hand,
+        errors: CommandErrors,
+        generators: Sequence[np.random.Generator] = (),
+        row: int = 0,
     ) -> None:
-        count = len(errors.errors)
+        self._hand, count = hand, len(errors.errors)
         self._errors, self._generators, self._row = errors, generators[:count], row
-        self.human = HumanErrors(LEVELS[errors.level], generators[count]) if errors.level else None
+        self.human = HumanErrors(hand, LEVELS[errors.level], generators[count]) if errors.level else None
         strengths = {error.family: error.strength for error in errors}
         self.factor = strengths.get("scale", 1.0)
         self.lag = int(strengths.get("delay", 0))
@@ -114,18 +121,19 @@ class RowErrors:
         self._begin()
 
     def _begin(self) -> None:
-        self.bias = np.zeros((4, 3))
+        shape = self._hand.n_fingers, 3
+        self.bias = np.zeros(shape)
         self.schedules: list[EventSchedule] = []
         self.drawn: list[Array] = []
         self._step, self._events = -1, list[ErrorEvent]()
         self._past: deque[Tensor] = deque(maxlen=self.lag + 1)
         for error, rng in zip(self._errors, self._generators, strict=True):
             # Drawn for every family, needed or not: so a seed goes on meaning the same episode.
-            bias, until = rng.uniform(-1, 1, (4, 3)) * error.strength, int(rng.integers(*ONSET.first))
+            bias, until = rng.uniform(-1, 1, shape) * error.strength, int(rng.integers(*ONSET.first))
             if error.family == "bias":
                 self.bias = bias
             if error.row.onset:
-                self.schedules.append(EventSchedule(error, rng, until))
+                self.schedules.append(EventSchedule(self._hand, error, rng, until))
 
     @property
     def events(self) -> list[ErrorEvent]:
@@ -140,8 +148,8 @@ class RowErrors:
 
     @property
     def still(self) -> NDArray[np.bool_]:
-        """Fingers whose commands stand still in this step. Shape (4,)."""
-        struck = np.zeros(4, bool)
+        """Fingers whose commands stand still in this step. Shape (fingers,)."""
+        struck = np.zeros(self._hand.n_fingers, bool)
         if self.human and self.human.finger is not None:
             struck[self.human.finger] = True
         for schedule in self.schedules:
@@ -159,8 +167,8 @@ class RowErrors:
         """Go on by a control step.
 
         Args:
-            loads: Normal force of each fingertip [N]. Shape (4,).
-            inward: Contact normals into the object. Shape (4, 3).
+            loads: Normal force of each fingertip [N]. Shape (fingers,).
+            inward: Contact normals into the object. Shape (fingers, 3).
         """
         self._step += 1
         if self.human and self.human.advance():
@@ -178,7 +186,7 @@ class RowErrors:
         return self._past[0]
 
     def offsets(self, ahead: int) -> Array:
-        """Return the errors of the positions of this step and the next ones [m]. Shape (ahead, 4, 3).
+        """Return the errors of the positions of this step and the next ones [m]. Shape (ahead, fingers, 3).
 
         They belong to control steps: one that is planned twice has the same error in both plans.
 
@@ -191,6 +199,6 @@ class RowErrors:
                 continue
             drawn, step, width = self.drawn, self._step, error.strength
             while len(drawn) < step + ahead:
-                drawn.append(rng.uniform(-width, width, (4, 3)))
+                drawn.append(rng.uniform(-width, width, self.bias.shape))
             total = total + np.stack(drawn[step : step + ahead])
         return total

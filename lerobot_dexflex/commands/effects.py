@@ -1,7 +1,7 @@
 """What an error does to drafts, once it is drawn: pure functions, batched, on the drafts' device.
 
-`motion` holds where the four fingertips should be over the next steps, relative to where they are [m], shape
-(batch, steps, 4, 3).
+`motion` holds where the fingertips should be over the next steps, relative to where they are [m], shape
+(batch, steps, fingers, 3).
 """
 
 import torch
@@ -9,12 +9,12 @@ from torch import Tensor
 
 
 def scaled(motion: Tensor, factor: Tensor) -> Tensor:
-    """Return every motion times a factor that broadcasts to (batch, steps, 4, 3)."""
+    """Return every motion times a factor that broadcasts to (batch, steps, fingers, 3)."""
     return factor * motion
 
 
 def shaken(motion: Tensor, offsets: Tensor) -> Tensor:
-    """Return motions with errors [m] that broadcast to (batch, steps, 4, 3): noise, bias, a push."""
+    """Return motions with errors [m] that broadcast to (batch, steps, fingers, 3): noise, bias, a push."""
     return motion + offsets
 
 
@@ -23,7 +23,7 @@ def replaced(motion: Tensor, where: Tensor, other: Tensor) -> Tensor:
 
     Args:
         motion: Motions.
-        where: Fingers. Broadcasts to (batch, steps, 4, 1).
-        other: Their motions instead [m]. Broadcasts to (batch, steps, 4, 3).
+        where: Fingers. Broadcasts to (batch, steps, fingers, 1).
+        other: Their motions instead [m]. Broadcasts to (batch, steps, fingers, 3).
     """
     return torch.where(where, other, motion)

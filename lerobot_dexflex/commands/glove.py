@@ -16,7 +16,7 @@ from lerobot_dexflex.conventions import LEROBOT_KEYS, STATE
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.kernels import fingertips
 from lerobot_dexflex.hand.model import ARM_JOINTS
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.protocol import Interface
 
 _ARM = len(ARM_JOINTS)
@@ -30,6 +30,7 @@ class GlovedHand:
     joints: without errors they pass bit for bit, with errors they are moved as a policy's joint plans.
 
     Args:
+        hand: The hand that is moved.
         interface: Executes drafts, or joints.
         errors: Of the glove and of the person in it.
         seed: Of the errors and the person.
@@ -38,9 +39,10 @@ class GlovedHand:
     """
 
     def __init__(
-        self, interface: Interface, errors: CommandErrors, seed: Seed, source: Source = "motion"
+        self, hand: Hand, interface: Interface, errors: CommandErrors, seed: Seed, source: Source = "motion"
     ) -> None:
-        self._interface = DisturbedInterface(interface, errors, held=True)
+        self._hand = hand
+        self._interface = DisturbedInterface(hand, interface, errors, held=True)
         self._interface.reset()
         self._interface.begin([seed])
         self._source: Source = source
@@ -64,7 +66,7 @@ class GlovedHand:
             key: torch.as_tensor(np.asarray(observation[name], float))[None]
             for name, key in LEROBOT_KEYS.items()
         }
-        here = fingertips(LEAP.tables, state[STATE][0, _ARM:].numpy())
+        here = fingertips(self._hand.tables, state[STATE][0, _ARM:].numpy())
         wanted = command.joint_targets[None, _ARM:] if joint else self._positions(command) - here
         hand = self._interface.step(state, torch.from_numpy(wanted)[None])[0].cpu().numpy()
         joints = np.concatenate([command.joint_targets[:_ARM], hand])
@@ -73,9 +75,9 @@ class GlovedHand:
         )
 
     def _positions(self, command: Command) -> NDArray[np.float64]:
-        """Return where the person wants the fingertips, palm frame [m]. Shape (8, 4, 3)."""
+        """Return where the person wants the fingertips, palm frame [m]. Shape (8, fingers, 3)."""
         if self._source == "motion":
             return command.draft
         [squeeze] = self._interface.squeeze([command.slipping])
-        pressed = fingertips(LEAP.tables, command.joint_targets[_ARM:]) - command.draft[0]
+        pressed = fingertips(self._hand.tables, command.joint_targets[_ARM:]) - command.draft[0]
         return command.draft + squeeze * pressed

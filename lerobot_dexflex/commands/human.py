@@ -14,6 +14,7 @@ from lerobot_dexflex.commands.levels import (
     Range,
 )
 from lerobot_dexflex.conventions import CONTROL_PERIOD
+from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
 
@@ -39,18 +40,19 @@ class Wander:
     """First-order autoregressive noise on every fingertip coordinate.
 
     Args:
+        hand: Whose fingertips.
         rng: Source of randomness.
         size: Standard deviation [m].
         correlation: Of consecutive control steps.
     """
 
-    def __init__(self, rng: np.random.Generator, size: float, correlation: float) -> None:
+    def __init__(self, hand: Hand, rng: np.random.Generator, size: float, correlation: float) -> None:
         self._rng, self._size, self._correlation = rng, size, correlation
-        self._value = rng.normal(size=(4, 3))
+        self._value = rng.normal(size=(hand.n_fingers, 3))
 
     def step(self) -> Array:
-        """Go on by a control step and return the offsets [m]. Shape (4, 3)."""
-        fresh = np.sqrt(1 - self._correlation**2) * self._rng.normal(size=(4, 3))
+        """Go on by a control step and return the offsets [m]. Shape (fingers, 3)."""
+        fresh = np.sqrt(1 - self._correlation**2) * self._rng.normal(size=self._value.shape)
         self._value = self._correlation * self._value + fresh
         return self._size * self._value
 
@@ -61,12 +63,13 @@ class HumanErrors:
     The errors are those of now: a draft's later steps have them, too, as nobody knows the errors to come.
 
     Args:
+        hand: The hand that is led.
         level: Row of `LEVELS`.
         rng: Source of randomness, of the person and of all episodes.
     """
 
-    def __init__(self, level: Level, rng: np.random.Generator) -> None:
-        self._level, self._rng = level, rng
+    def __init__(self, hand: Hand, level: Level, rng: np.random.Generator) -> None:
+        self._hand, self._level, self._rng = hand, level, rng
         self.person = Person.draw(level, rng)
         self.restart()
 
@@ -75,12 +78,12 @@ class HumanErrors:
         level, rng = self._level, self._rng
         jitter, drift = (float(np.exp(-CONTROL_PERIOD / time)) for time in (JITTER_TIME, DRIFT_TIME))
         self._noises = [
-            Wander(rng, level.tremor, TREMOR_CORRELATION),
-            Wander(rng, level.jitter, jitter),
-            Wander(rng, level.drift, drift),
+            Wander(self._hand, rng, level.tremor, TREMOR_CORRELATION),
+            Wander(self._hand, rng, level.jitter, jitter),
+            Wander(self._hand, rng, level.drift, drift),
         ]
-        self.offset = np.zeros((4, 3))
-        """Errors of the positions of this step [m]."""
+        self.offset = np.zeros((self._hand.n_fingers, 3))
+        """Errors of the positions of this step [m]. Shape (fingers, 3)."""
         self.finger: int | None = None
         """That the tracker has lost; None while it sees all."""
         self.left = 0
@@ -100,7 +103,7 @@ class HumanErrors:
         if self._until > 0:
             self.finger = self.finger if self.left else None
             return False
-        self.finger, self.left = int(self._rng.integers(4)), self._steps(self._level.lost)
+        self.finger, self.left = int(self._rng.integers(self._hand.n_fingers)), self._steps(self._level.lost)
         self._until = self._steps(self._level.every)
         return True
 

@@ -26,7 +26,7 @@ from lerobot_dexflex.experts.reach.sensing import HandState
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.poses import pose_error
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.protocol import Interface
 
 Array = NDArray[np.float64]
@@ -64,19 +64,19 @@ class Episode:
     """The same after each step, as if the episode had ended there. Shape (T,)."""
     goal_steps: list[int] = field(default_factory=list)
     """Steps that each reached goal took."""
-    label: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    """First step of the clean draft, without any squeeze [m]. Shape (T, 4, 3)."""
-    draft: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    """First step of the spoilt draft [m]. Shape (T, 4, 3)."""
-    selected: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    """Motion that the interface asked of the hand, beside its grip [m]. Shape (T, 4, 3)."""
-    loads: Array = field(default_factory=lambda: np.zeros((0, 4)))
-    """Normal force of each tip before the step [N]. Shape (T, 4)."""
+    label: Array = field(default_factory=lambda: np.zeros(0))
+    """First step of the clean draft, without any squeeze [m]. Shape (T, fingers, 3)."""
+    draft: Array = field(default_factory=lambda: np.zeros(0))
+    """First step of the spoilt draft [m]. Shape (T, fingers, 3)."""
+    selected: Array = field(default_factory=lambda: np.zeros(0))
+    """Motion that the interface asked of the hand, beside its grip [m]. Shape (T, fingers, 3)."""
+    loads: Array = field(default_factory=lambda: np.zeros(0))
+    """Normal force of each tip before the step [N]. Shape (T, fingers)."""
     in_event: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     """Whether an event (removal, freeze, dropout, a lost finger) was going on. Shape (T,)."""
     events: list[ErrorEvent] = field(default_factory=list)
     """What went wrong now and then: family, onset, end, finger."""
-    goal_error: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    goal_error: Array = field(default_factory=lambda: np.zeros(0))
     """Distance [m] and angle [rad] to the goal after the step. Shape (T, 2)."""
     explanations: list[Any] = field(default_factory=list)
     """The interface's explanation of each step, where it gives one."""
@@ -111,22 +111,22 @@ class Slot:
         return len(self._series.get("label", ()))
 
     def ask(self) -> Array:
-        """Return the operator's clean draft [m] (8, 4, 3)."""
+        """Return the operator's clean draft [m] (8, fingers, 3)."""
         guidance = self.guidance = self.held.operator.guide(self.state)
         tips = self.state.tips
         motion = guidance.tips - tips
         self._keep(label=motion[0])
         if self._squeeze is None:
             return motion
-        pressed = kernels.fingertips(LEAP.tables, guidance.joints) - guidance.tips[0]
+        pressed = kernels.fingertips(self.held.env.hand.tables, guidance.joints) - guidance.tips[0]
         return motion + self._squeeze * pressed
 
     def spoil(self, draft: Array, in_event: bool) -> None:
-        """Note what is left of the draft's first step [m] (4, 3), and whether an event is going on."""
+        """Note what is left of the draft's first step [m] (fingers, 3), and whether an event is going on."""
         self._keep(draft=draft, loads=self.state.loads, in_event=in_event)
 
     def advance(self, joints: Array, selected: Array, explanation: Any) -> bool:
-        """Execute joints [rad] (16,), which move the tips by `selected` [m] (4, 3); say if it goes on."""
+        """Execute joints [rad], which move the tips by `selected` [m] (fingers, 3); say if it goes on."""
         self.state = self.held.execute(joints)
         self.observation = self.held.env.observe()
         self._keep(selected=selected)
@@ -199,6 +199,7 @@ class Slot:
 
 
 def run_chains(
+    hand: Hand,
     chains: Sequence[Chain],
     errors: CommandErrors | Sequence[CommandErrors],
     interface: Interface,
@@ -215,7 +216,8 @@ def run_chains(
     same starts, goals and errors.
 
     Args:
-        chains: Starts and goals.
+        hand: The hand that holds the objects.
+        chains: Starts and goals, found with this hand.
         errors: What goes wrong with the drafts, for all or for each chain.
         interface: The method under test.
         source: What a draft says.
@@ -226,11 +228,11 @@ def run_chains(
     """
     spoilt = [errors] * len(chains) if isinstance(errors, CommandErrors) else list(errors)
     batch = min(batch, len(chains))
-    environments = [ReachEnv(cameras=()) for _ in range(batch)]
+    environments = [ReachEnv(cameras=(), hand=hand) for _ in range(batch)]
     waiting = iter(range(len(chains)))
     finished: dict[int, Episode] = {}
     slots: list[Slot | None] = [None] * batch
-    stream = ErrorStream(batch)
+    stream = ErrorStream(hand, batch)
     numbers = [-1] * batch
     observations: list[dict[str, NDArray]] = [{}] * batch
     interface.reset()
@@ -248,7 +250,7 @@ def run_chains(
             return [finished[n] for n in range(len(chains))]
         if fresh.any():
             interface.reset(torch.from_numpy(fresh))
-        draft = torch.from_numpy(_drafts(running, stream, batch))
+        draft = torch.from_numpy(_drafts(hand, running, stream, batch))
         if isinstance(interface, Privileged):
             interface.see(slots)
         joints = interface.step(stack_observations(observations), draft).numpy()
@@ -266,10 +268,11 @@ def run_chains(
                 slots[k] = None
 
 
-def _drafts(running: Sequence[tuple[int, Slot]], stream: ErrorStream, batch: int) -> Array:
-    """Ask every operator and spoil the answers [m] (batch, 8, 4, 3); ended rows stand still."""
-    clean, tips = np.zeros((batch, DRAFT_HORIZON, 4, 3)), np.zeros((batch, 4, 3))
-    loads, inward = np.zeros((batch, 4)), np.zeros((batch, 4, 3))
+def _drafts(hand: Hand, running: Sequence[tuple[int, Slot]], stream: ErrorStream, batch: int) -> Array:
+    """Ask every operator and spoil the answers [m] (batch, 8, fingers, 3); ended rows stand still."""
+    shape = batch, hand.n_fingers, 3
+    clean, tips = np.zeros((batch, DRAFT_HORIZON, *shape[1:])), np.zeros(shape)
+    loads, inward = np.zeros(shape[:2]), np.zeros(shape)
     for k, slot in running:
         clean[k], tips[k] = slot.ask(), slot.state.tips
         loads[k], inward[k] = slot.state.loads, slot.state.inward

@@ -10,6 +10,7 @@ from torch import Tensor
 from lerobot_dexflex.commands import effects
 from lerobot_dexflex.commands.draws import ErrorEvent, RowErrors
 from lerobot_dexflex.commands.families import LEVEL_SALT, NO_ERRORS, CommandErrors
+from lerobot_dexflex.hands import Hand
 
 Seed = int | tuple[int, ...]
 """Of numpy's generators."""
@@ -22,11 +23,13 @@ class ErrorStream:
     leads to where they should have been some steps ago, wherever the hand is by now.
 
     Args:
+        hand: Which hand is commanded in every row.
         rows: Number of hands; nothing goes wrong in a row before its `begin`.
     """
 
-    def __init__(self, rows: int) -> None:
-        self._rows = [RowErrors(NO_ERRORS) for _ in range(rows)]
+    def __init__(self, hand: Hand, rows: int) -> None:
+        self._hand = hand
+        self._rows = [RowErrors(hand, NO_ERRORS) for _ in range(rows)]
         self._kept: Tensor | None = None
         self._left: Tensor | None = None
 
@@ -41,7 +44,7 @@ class ErrorStream:
             errors: What goes wrong.
             seeds: Of every error's random numbers, or its generator; then the person's if there is a level.
         """
-        self._rows[row] = RowErrors(errors, [np.random.default_rng(seed) for seed in seeds], row)
+        self._rows[row] = RowErrors(self._hand, errors, [np.random.default_rng(seed) for seed in seeds], row)
 
     def restart(self, mask: Tensor | None = None) -> None:
         """Begin another episode in the rows of `mask`, shape (batch,), or in all, with further numbers."""
@@ -90,10 +93,10 @@ class ErrorStream:
 
         Args:
             draft: Where the fingertips should be after 1, 2, ... steps, relative to `tips` [m]. Shape
-                (batch, H, 4, 3).
-            tips: Measured fingertips [m]. Shape (batch, 4, 3).
-            loads: Normal force of each fingertip [N]. Shape (batch, 4).
-            inward: Contact normals into the object. Shape (batch, 4, 3).
+                (batch, H, fingers, 3).
+            tips: Measured fingertips [m]. Shape (batch, fingers, 3).
+            loads: Normal force of each fingertip [N]. Shape (batch, fingers).
+            inward: Contact normals into the object. Shape (batch, fingers, 3).
             held: Whether the later steps repeat the first, as a glove's do that knows no future: then its
                 error is theirs too.
         """
@@ -117,7 +120,7 @@ class ErrorStream:
 
     def _removed(self, draft: Tensor, tips: Tensor) -> Tensor:
         """Return the draft of which removed fingers leave from where they were felt, and go on outward."""
-        ages, way = np.zeros((len(self), 4), int), np.zeros((len(self), draft.shape[1], 4, 3))
+        ages, way = np.zeros(tips.shape[:2], int), np.zeros(draft.shape)
         for k, row in enumerate(self._rows):
             for schedule in row.schedules:
                 if schedule.active and schedule.error.family == "removal":

@@ -6,13 +6,14 @@ from typing import Any
 from huggingface_hub import ModelCard, ModelCardData
 
 from lerobot_dexflex.controller.config import ControllerConfig
+from lerobot_dexflex.hands import get_hand
 
 _TEMPLATE = """\
 ---
 {front_matter}
 ---
 
-# DexFlex controller for the tactile LEAP hand
+# DexFlex controller for the tactile hand `{hand}`
 
 A draft-conditioned controller of [lerobot_dexflex](https://github.com/lerobot-dexflex/lerobot_dexflex):
 upstream says where the fingertips should be, the controller supplies the grip. It encodes what the hand
@@ -21,9 +22,9 @@ scores them against the draft, and decodes contact forces for the best.
 
 | | |
 |---|---|
-| hand | `{embodiment}`, fingers {fingers} |
+| hand | `{hand}`, fingers {fingers}; {joints} joints |
 | control rate | {rate:g} Hz, {horizon} steps per chunk |
-| a draft's step | `{draft_definition}`: palm frame, metres, four fingertips |
+| a draft's step | `{draft_definition}`: palm frame, metres, all fingertips |
 | touch | {touch} |
 | slow token | {slow} |
 
@@ -58,27 +59,28 @@ def controller_card(
         parts: Number of parameters of each part.
         record: Sections of plain values: a mapping becomes a table, anything else a line.
     """
+    hand = get_hand(config.hand)
+    rows, columns = hand.taxels
     data = ModelCardData(
         license="apache-2.0",
         library_name="lerobot",
         pipeline_tag="robotics",
         tags=["dexterous", "tactile", "controller", "simulation"],
     )
-    rows = [f"| {name.replace('_', ' ')} | {count:,} |" for name, count in parts.items()]
-    rows.append(f"| together | {sum(parts.values()):,} |")
+    sizes = [f"| {name.replace('_', ' ')} | {count:,} |" for name, count in parts.items()]
+    sizes.append(f"| together | {sum(parts.values()):,} |")
     return ModelCard(
         _TEMPLATE.format(
             front_matter=data.to_yaml().strip(),
-            embodiment=config.embodiment,
-            fingers=", ".join(config.fingers),
+            hand=hand.name,
+            fingers=", ".join(hand.finger_names),
+            joints=hand.n_joints,
             rate=config.rate,
             horizon=config.horizon,
             draft_definition=config.draft_definition,
-            touch=f"4 x {config.taxels[0]} x {config.taxels[1]} taxels [N]"
-            if config.use_touch
-            else "not used",
+            touch=f"{hand.n_fingers} x {rows} x {columns} taxels [N]" if config.use_touch else "not used",
             slow=f"{config.slow_levels} levels" if config.use_slow else "not used",
-            parts="\n".join(rows),
+            parts="\n".join(sizes),
             training=_training(record),
         )
     )

@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from lerobot_dexflex.conventions import DRAFT_HORIZON, FINGER_NAMES
+from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand, get_hand
 
 FRAMES = (0, 1, 3, 7)
 """Steps back at which joints, fingertips and touch are seen."""
@@ -16,26 +17,21 @@ SLOW_STRIDE, SLOW_SAMPLES = 4, 8
 """The slow window: every fourth step, eight of them, newest first."""
 DRAFT_HISTORY = 8
 """Steps before this one whose drafts are seen."""
-TAXELS = (10, 6)
-"""Rows and columns of taxels per fingertip."""
 CHECKSUMS = "checksums"
 """Key of `config.json` beside the configuration: SHA-256 of the weights by file name."""
 DRAFT_DEFINITION = "offset_from_measured"
 """What a draft says: where fingertips should be, minus where they are measured."""
 _IDENTITY = {
-    "format": 3,
-    "embodiment": "leap_right",
+    "format": 4,
     "rate": 20.0,
     "horizon": DRAFT_HORIZON,
     "draft_definition": DRAFT_DEFINITION,
-    "fingers": FINGER_NAMES,
     "frames": FRAMES,
     "slow_stride": SLOW_STRIDE,
     "slow_samples": SLOW_SAMPLES,
     "draft_history": DRAFT_HISTORY,
-    "taxels": TAXELS,
 }
-"""What a checkpoint and this code must agree on."""
+"""What a checkpoint and this code must agree on; beside it a checkpoint names a hand that the code knows."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +39,14 @@ class ControllerConfig:
     """Everything needed to rebuild a controller's networks.
 
     Raises:
-        DexFlexError: If the configuration is of another hand, rate or format than this code serves.
+        DexFlexError: If the configuration is of an unknown hand or of another rate or format than this code
+            serves.
     """
 
-    format: int = 3
+    format: int = 4
     """Version of the checkpoint's layout."""
-    embodiment: str = "leap_right"
-    """The hand."""
+    hand: str = "leap"
+    """The hand, by its name; it decides fingers, joints and taxels."""
     rate: float = 20.0
     """Control rate [Hz]."""
     horizon: int = DRAFT_HORIZON
@@ -57,8 +54,6 @@ class ControllerConfig:
     draft_definition: str = DRAFT_DEFINITION
     """What a step of a draft is: where the fingertips should be, minus where they are measured now, in the
     palm frame [m]."""
-    fingers: tuple[str, ...] = FINGER_NAMES
-    """Order of the fingers."""
     frames: tuple[int, ...] = FRAMES
     """Steps back at which joints, fingertips and touch are seen."""
     slow_stride: int = SLOW_STRIDE
@@ -67,8 +62,6 @@ class ControllerConfig:
     """Samples of the slow window."""
     draft_history: int = DRAFT_HISTORY
     """Steps before this one whose drafts are seen."""
-    taxels: tuple[int, ...] = TAXELS
-    """Rows and columns of taxels per fingertip."""
 
     use_touch: bool = True
     """Whether the networks ever see touch; without it every finger has the learned missing token."""
@@ -88,7 +81,7 @@ class ControllerConfig:
     squeeze_scale: float = 0.01
     """Drafts and squeezes are divided by this in the splitter [m]."""
     largest_force: float = 8.0
-    """Bound of a finger's force [N]: what LEAP's thumb exerts at most."""
+    """Bound of a finger's force [N], whatever its motors could exert."""
 
     body_width: int = 96
     """Width of the proprioceptive latent p."""
@@ -120,20 +113,21 @@ class ControllerConfig:
             value = getattr(self, item.name)
             if isinstance(value, list):
                 object.__setattr__(self, item.name, tuple(value))
-        for name, served in _IDENTITY.items():
-            value = getattr(self, name)
-            if value != served:
-                raise DexFlexError(
-                    f"A controller with `{name}` {value!r} cannot run here: this code serves {served!r}. "
-                    "Use a controller trained for it, or the lerobot_dexflex that trained this one."
-                )
+        for name in _IDENTITY:
+            _check_identity(name, getattr(self, name))
         for item in fields(self):
             _check_value(item.name, item.type, getattr(self, item.name))
+        get_hand(self.hand)
+
+    @property
+    def n_fingers(self) -> int:
+        """Number of the hand's fingers."""
+        return get_hand(self.hand).n_fingers
 
     @property
     def latent_width(self) -> int:
         """Width of z = [p, c, finger tokens], which the world model predicts."""
-        return self.body_width + self.contact_width + len(self.fingers) * self.finger_width
+        return self.body_width + self.contact_width + self.n_fingers * self.finger_width
 
     @property
     def feature_width(self) -> int:
@@ -143,28 +137,28 @@ class ControllerConfig:
     @property
     def chunk_width(self) -> int:
         """Numbers in a chunk."""
-        return self.horizon * len(self.fingers) * 3
+        return self.horizon * self.n_fingers * 3
 
     @property
     def finger_chunk_width(self) -> int:
         """Numbers in one finger's part of a chunk."""
         return self.horizon * 3
 
-    def check(self, embodiment: str | None = None, rate: float | None = None) -> None:
-        """Refuse a hand or control rate [Hz] that the controller was not trained for.
+    def check(self, hand: Hand, source: str = "The controller") -> None:
+        """Refuse to move another hand than the one that the controller was trained for.
+
+        Args:
+            hand: The robot's.
+            source: Which controller it is, for the message.
 
         Raises:
-            DexFlexError: If one differs.
+            DexFlexError: If the hands differ.
         """
-        if embodiment is not None and embodiment != self.embodiment:
+        if hand.name != self.hand:
             raise DexFlexError(
-                f"The controller was trained for the hand {self.embodiment!r}, not {embodiment!r}. "
-                "Choose a controller of that hand."
-            )
-        if rate is not None and abs(rate - self.rate) > 1e-6:
-            raise DexFlexError(
-                f"The controller was trained at {self.rate:g} Hz, not {rate:g} Hz. Run the control loop at "
-                f"{self.rate:g} Hz or choose another controller."
+                f"{source} was trained for '{self.hand}', but the robot is '{hand.name}'. "
+                f"Give --policy.controller=<folder or hub id> of one for '{hand.name}', or train it: "
+                f"dexflex-corpus --hand={hand.name} --output=<corpus>, then dexflex-train --corpus=<corpus>."
             )
 
     @classmethod
@@ -172,7 +166,7 @@ class ControllerConfig:
         """Build from plain values, as in `config.json`.
 
         Args:
-            values: Every name of `_IDENTITY` and any other field.
+            values: Every name of `_IDENTITY`, `hand` and any other field.
             source: Where the values come from, for messages.
 
         Raises:
@@ -185,8 +179,10 @@ class ControllerConfig:
                 f"{DRAFT_DEFINITION!r} (where fingertips should be, minus where they are measured). Train it "
                 "anew with `dexflex-corpus` and `dexflex-train`, or use the shipped controller."
             )
+        if "format" in values:
+            _check_identity("format", values["format"])
         known = {item.name for item in fields(cls)}
-        missing, unknown = sorted(set(_IDENTITY) - set(values)), sorted(set(values) - known)
+        missing, unknown = sorted({*_IDENTITY, "hand"} - set(values)), sorted(set(values) - known)
         if missing or unknown:
             raise DexFlexError(
                 f"{source} is not a controller's: missing {missing}, unknown {unknown}. "
@@ -215,6 +211,16 @@ class ControllerConfig:
     def save(self, path: Path) -> None:
         """Write `config.json`."""
         path.write_text(json.dumps(asdict(self), indent=2) + "\n")
+
+
+def _check_identity(name: str, value: Any) -> None:
+    """Refuse what the code does not serve."""
+    served = _IDENTITY[name]
+    if value != served:
+        raise DexFlexError(
+            f"A controller with `{name}` {value!r} cannot run here: this code serves {served!r}. "
+            "Use a controller trained for it, or the lerobot_dexflex that trained this one."
+        )
 
 
 def _check_value(name: str, kind: Any, value: Any) -> None:

@@ -20,7 +20,7 @@ from lerobot_dexflex.controller.score import Score
 from lerobot_dexflex.controller.settings import SelectionSettings
 from lerobot_dexflex.controller.splitter import Splitter
 from lerobot_dexflex.controller.world_model import WorldModel
-from lerobot_dexflex.conventions import FINGER_NAMES
+from lerobot_dexflex.hands import get_hand
 
 
 class Dream(NamedTuple):
@@ -29,9 +29,9 @@ class Dream(NamedTuple):
     latent: Tensor
     """Predicted z a horizon later. Shape (batch, candidates, latent_width)."""
     contact_loss: Tensor
-    """Probability that a finger loaded now is unloaded then. Shape (batch, candidates, 4)."""
+    """Probability that a finger loaded now is unloaded then. Shape (batch, candidates, fingers)."""
     slip: Tensor
-    """Probability that a finger loaded now slips along the object. Shape (batch, candidates, 4)."""
+    """Probability that a finger loaded now slips along the object. Shape (batch, candidates, fingers)."""
     grasp_loss: Tensor
     """Probability that the grasp is lost within the horizon. Shape (batch, candidates)."""
 
@@ -40,7 +40,7 @@ class Selection(NamedTuple):
     """A decision and what led to it."""
 
     chunk: Tensor
-    """The chosen chunk [m]. Shape (batch, horizon, 4, 3)."""
+    """The chosen chunk [m]. Shape (batch, horizon, fingers, 3)."""
     best: Tensor
     """The best candidate. Shape (batch,)."""
     score: Tensor
@@ -63,7 +63,8 @@ class DexFlexController(nn.Module, ModelHubMixin):
         super().__init__()
         self.config = config or ControllerConfig()
         self.record = record or {}
-        self.scale = ChunkScale()
+        self.hand = get_hand(self.config.hand)
+        self.scale = ChunkScale(self.hand.n_fingers)
         self.encoder = Encoder(self.config)
         self.prior = Prior(self.config)
         self.world_model = WorldModel(self.config)
@@ -90,11 +91,11 @@ class DexFlexController(nn.Module, ModelHubMixin):
     def squeeze(self, state: State, draft: Tensor) -> Tensor:
         """Return what of every step of a draft commands into the object [m], about zero if it says motion.
 
-        Shape (batch, 4, 3).
+        Shape (batch, fingers, 3).
 
         Args:
             state: The encoded states.
-            draft: Shape (batch, horizon, 4, 3) [m].
+            draft: Shape (batch, horizon, fingers, 3) [m].
         """
         return check_output("splitter", self.splitter(state, draft))
 
@@ -105,19 +106,19 @@ class DexFlexController(nn.Module, ModelHubMixin):
 
         Args:
             state: The encoded states.
-            draft: Shape (batch, horizon, 4, 3) [m].
+            draft: Shape (batch, horizon, fingers, 3) [m].
             settings: How many and from where.
-            noise: Standard normal, shape (batch or 1, drawn candidates, 4, horizon * 3); None draws it from
-                `settings.seed`, the same for all rows and steps, so that choices do not flicker.
+            noise: Standard normal, shape (batch or 1, drawn candidates, fingers, horizon * 3); None draws it
+                from `settings.seed`, the same for all rows and steps, so that choices do not flicker.
         """
-        start, branch = _starts(settings)
+        start, branch = _starts(settings, self.hand.n_fingers)
         parts = [draft.unsqueeze(1)] if settings.include_draft else []
         if len(start):
             if noise is None:
                 generator = torch.Generator().manual_seed(settings.seed)
                 shape = (1, *start.shape, self.config.finger_chunk_width)
                 noise = torch.randn(shape, generator=generator)
-            level = start.to(draft)[..., None]  # (candidates, 4, 1)
+            level = start.to(draft)[..., None]  # (candidates, fingers, 1)
             origin = self.scale.normalize(draft).unsqueeze(1)
             begin = (1 - level) * noise.to(draft) + level * origin
             drawn = self.prior.sample(begin, start.to(draft), settings.nfe, self.prior.context(state))
@@ -126,7 +127,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
         return Candidates(torch.cat(parts, 1), torch.cat([own, branch]))
 
     def dream(self, state: State, candidates: Candidates | Tensor) -> Dream:
-        """Predict the outcome of candidates; chunks have the shape (batch, candidates, horizon, 4, 3) [m]."""
+        """Predict the outcome of candidates; chunks are (batch, candidates, horizon, fingers, 3) [m]."""
         prediction = self.world_model(state, self.scale.normalize(_chunks(candidates)))
         for output in prediction:
             check_output("world model", output)
@@ -145,8 +146,8 @@ class DexFlexController(nn.Module, ModelHubMixin):
 
         Args:
             state: The encoded states.
-            draft: Shape (batch, horizon, 4, 3) [m].
-            drafts_history: First steps of earlier drafts [m]. Shape (batch, 8, 4, 3).
+            draft: Shape (batch, horizon, fingers, 3) [m].
+            drafts_history: First steps of earlier drafts [m]. Shape (batch, 8, fingers, 3).
             candidates: What to rank.
             latent: `Dream.latent` of the candidates; zeros hide it.
         """
@@ -160,7 +161,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
 
         Args:
             state: The encoded states.
-            chunk: Shape (batch, horizon, 4, 3) [m].
+            chunk: Shape (batch, horizon, fingers, 3) [m].
         """
         forces = self.decoder(state, self.scale.normalize(chunk))
         for output in forces:
@@ -219,7 +220,8 @@ class DexFlexController(nn.Module, ModelHubMixin):
             revision: Branch, tag or commit on the Hub.
 
         Raises:
-            DexFlexError: If there is none, it is damaged, or it is for another hand, rate or format.
+            DexFlexError: If there is none, it is damaged, or it is for an unknown hand or another rate or
+                format.
         """
         files = checkpoint.find(
             pretrained_model_name_or_path,
@@ -247,9 +249,8 @@ def _chunks(candidates: Candidates | Tensor) -> Tensor:
     return candidates.chunks if isinstance(candidates, Candidates) else candidates
 
 
-def _starts(settings: SelectionSettings) -> tuple[Tensor, Tensor]:
-    """Return flow times at which each finger of the drawn candidates starts (candidates, 4), and branches."""
-    fingers = len(FINGER_NAMES)
+def _starts(settings: SelectionSettings, fingers: int) -> tuple[Tensor, Tensor]:
+    """Return flow times at which fingers of drawn candidates start (candidates, fingers), and branches."""
     levels = settings.levels or (0.0,)
     seeded = [[levels[k % len(levels)]] * fingers for k in range(settings.n_seeded)]
     alone = []

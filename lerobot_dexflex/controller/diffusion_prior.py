@@ -18,6 +18,7 @@ from lerobot_dexflex.controller.decoder import DROPOUT
 from lerobot_dexflex.controller.encoder import State
 from lerobot_dexflex.controller.prior import Context, Prior
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 
 WEIGHTS = "dexgen.safetensors"
 """Its file in a controller's folder."""
@@ -42,9 +43,10 @@ class DiffusionPrior(nn.Module):
         super().__init__()
         self.width = config.finger_chunk_width
         self.network = Prior(config)
+        joints = get_hand(config.hand).n_joints
         inputs, width = config.body_width + config.slow_width + config.chunk_width, config.decoder_width
         self.dynamics = nn.Sequential(
-            nn.Linear(inputs, width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 16)
+            nn.Linear(inputs, width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, joints)
         )
         self.dropout = nn.Dropout(DROPOUT)
         self.register_buffer("signal", _cosine_signal(STEPS), persistent=False)
@@ -54,11 +56,11 @@ class DiffusionPrior(nn.Module):
         return self.network.context(state)
 
     def lead(self, state: State, chunk: Tensor) -> Tensor:
-        """Return joint targets minus measured joints [rad], (batch, 16), that bring a chunk about.
+        """Return joint targets minus measured joints [rad], (batch, joints), that bring a chunk about.
 
         Args:
             state: The encoded states; of these, what proprioception says.
-            chunk: Normalised. Shape (batch, 4, horizon * 3).
+            chunk: Normalised. Shape (batch, fingers, horizon * 3).
         """
         felt = self.dropout(torch.cat([state.body, state.slow], -1))
         return LEAD_SCALE * self.dynamics(torch.cat([felt, chunk.flatten(1)], -1))
@@ -67,7 +69,7 @@ class DiffusionPrior(nn.Module):
         """Predict clean chunks.
 
         Args:
-            x: Noisy normalised chunks. Shape (batch, draws, 4, horizon * 3).
+            x: Noisy normalised chunks. Shape (batch, draws, fingers, horizon * 3).
             level: Noise level, 1 (nearly clean) to `STEPS` (pure noise). Shape (batch, draws).
             context: The prepared states.
 
@@ -91,8 +93,8 @@ class DiffusionPrior(nn.Module):
         strong: 0 samples the prior, and the larger it is the nearer is the result to the draft.
 
         Args:
-            noise: Standard normal. Shape (batch, draws, 4, horizon * 3).
-            draft: Normalised. Shape (batch, 4, horizon * 3).
+            noise: Standard normal. Shape (batch, draws, fingers, horizon * 3).
+            draft: Normalised. Shape (batch, fingers, horizon * 3).
             guidance: Strength alpha, not negative.
             steps: Denoising steps, 1 to `STEPS`.
             context: The prepared states.
@@ -115,7 +117,7 @@ class DiffusionPrior(nn.Module):
         """Return the mean squared error of predicted clean chunks at random noise levels.
 
         Args:
-            x_0: Normalised chunks. Shape (batch, 4, horizon * 3).
+            x_0: Normalised chunks. Shape (batch, fingers, horizon * 3).
             state: The encoded states before them.
             draws: Pairs of level and noise per chunk.
         """

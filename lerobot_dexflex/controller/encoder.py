@@ -10,9 +10,8 @@ from vector_quantize_pytorch import FSQ
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.hand.kinematics import finger_frames, fingertips, joint_limits
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand, get_hand
 
-_FINGERS = 4
 _TOUCH_FEATURES = 48
 _HEADS = 4
 _LEAST_SUM, _FORCE_UNIT = 0.02, 4.0
@@ -27,7 +26,7 @@ class State(NamedTuple):
     contact: Tensor
     """c, from attention over the fingers. Shape (batch, contact_width)."""
     fingers: Tensor
-    """Finger tokens. Shape (batch, 4, finger_width)."""
+    """Finger tokens. Shape (batch, fingers, finger_width)."""
     slow: Tensor
     """Embedding of the slow discrete token g. Shape (batch, slow_width)."""
 
@@ -50,7 +49,7 @@ class TouchNet(nn.Module):
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
-        frames, (rows, columns) = len(config.frames), config.taxels
+        frames, (rows, columns) = len(config.frames), get_hand(config.hand).taxels
         self.register_buffer("rows", torch.linspace(-1, 1, rows), persistent=False)
         self.register_buffer("columns", torch.linspace(-1, 1, columns), persistent=False)
         self.touch_scale = config.touch_scale
@@ -60,19 +59,19 @@ class TouchNet(nn.Module):
             nn.Conv2d(12, 24, 3, padding=1),
             nn.ReLU(),
         )
-        self.out = nn.Linear(24 * (rows // 2) * (columns // 2) + frames + 3, _TOUCH_FEATURES)
+        self.out = nn.Linear(24 * ((rows + 1) // 2) * ((columns + 1) // 2) + frames + 3, _TOUCH_FEATURES)
 
     def forward(self, tactile: Tensor) -> Tensor:
-        """Map forces (batch, frames, 4, 10, 6) [N] to features (batch, 4, 48)."""
-        images = tactile.transpose(1, 2)  # (batch, 4, frames, 10, 6)
-        total = images.sum((-1, -2))  # (batch, 4, frames)
+        """Map forces (batch, frames, fingers, *taxels) [N] to features (batch, fingers, 48)."""
+        images = tactile.transpose(1, 2)  # (batch, fingers, frames, *taxels)
+        total = images.sum((-1, -2))  # (batch, fingers, frames)
         maps = self.convolutions(compress(images, self.touch_scale).flatten(0, 1)).flatten(1)
         newest, sum_now = images[:, :, 0], total[:, :, 0].clamp(min=_LEAST_SUM)
         along = (newest.sum(-1) * self.rows).sum(-1) / sum_now
         across = (newest.sum(-2) * self.columns).sum(-1) / sum_now
         plain = torch.stack([along, across, total[:, :, 0] / _FORCE_UNIT], -1)
         loads = compress(total, self.touch_scale)
-        return self.out(torch.cat([maps.unflatten(0, (-1, _FINGERS)), loads, plain], -1))
+        return self.out(torch.cat([maps.unflatten(0, total.shape[:2]), loads, plain], -1))
 
 
 class SlowToken(nn.Module):
@@ -81,7 +80,7 @@ class SlowToken(nn.Module):
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
         self.config = config
-        width = config.slow_samples * _FINGERS * 4 + _FINGERS
+        width = config.n_fingers * (config.slow_samples * (1 + 3) + 1)
         last = nn.Linear(64, len(config.slow_levels))
         nn.init.normal_(last.weight, std=0.5)  # Spread over the codes from the start.
         self.squeeze = nn.Sequential(nn.Linear(width, 64), nn.SiLU(), last)
@@ -114,35 +113,42 @@ class Encoder(nn.Module):
     tip_center: Tensor
     joint_center: Tensor
     joint_range: Tensor
+    finger_joints: Tensor
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
         self.config = config
-        lower, upper = joint_limits(LEAP)
+        self.hand = hand = get_hand(config.hand)
+        lower, upper = joint_limits(hand)
         center = (lower + upper) / 2
         self.register_buffer("joint_center", center.float(), persistent=False)
         self.register_buffer("joint_range", ((upper - lower) / 2).float(), persistent=False)
-        self.register_buffer("tip_center", fingertips(LEAP, center[None])[0].float(), persistent=False)
-        frames = len(config.frames)
+        self.register_buffer("tip_center", fingertips(hand, center[None])[0].float(), persistent=False)
+        self.register_buffer("finger_joints", _finger_joints(hand), persistent=False)
+        frames, fingers = len(config.frames), hand.n_fingers
         self.touch = TouchNet(config)
-        self.missing_touch = nn.Parameter(torch.zeros(_FINGERS, _TOUCH_FEATURES))
-        local = _TOUCH_FEATURES + frames * (4 + 3) + 9 + 3
-        self.finger_bias = nn.Parameter(torch.randn(_FINGERS, 96) * 0.1)
+        self.missing_touch = nn.Parameter(torch.zeros(fingers, _TOUCH_FEATURES))
+        local = _TOUCH_FEATURES + frames * (self.finger_joints.shape[1] + 3) + 9 + 3
+        self.finger_bias = nn.Parameter(torch.randn(fingers, 96) * 0.1)
         self.finger_in = nn.Linear(local, 96)
         self.finger_out = nn.Linear(96, config.finger_width)
         self.body = nn.Sequential(
-            nn.Linear(frames * (16 + 12) + 3, 192), nn.SiLU(), nn.Linear(192, config.body_width)
+            nn.Linear(frames * (hand.n_joints + 3 * fingers) + 3, 192),
+            nn.SiLU(),
+            nn.Linear(192, config.body_width),
         )
         self.query = nn.Linear(config.body_width, config.finger_width)
         self.key_value = nn.Linear(config.finger_width, 2 * config.finger_width)
-        self.finger_place = nn.Parameter(torch.randn(_FINGERS, config.finger_width) * 0.1)
+        self.finger_place = nn.Parameter(torch.randn(fingers, config.finger_width) * 0.1)
         self.contact = nn.Sequential(
-            nn.Linear(5 * config.finger_width, 128), nn.SiLU(), nn.Linear(128, config.contact_width)
+            nn.Linear((1 + fingers) * config.finger_width, 128),
+            nn.SiLU(),
+            nn.Linear(128, config.contact_width),
         )
         self.slow = SlowToken(config)
         self.load_head = nn.Linear(config.finger_width, 1)
         self.contact_head = nn.Linear(config.finger_width + config.body_width + config.contact_width, 1)
-        self.grip_head = nn.Linear(config.slow_width, _FINGERS)
+        self.grip_head = nn.Linear(config.slow_width, fingers)
 
     def forward(self, history: History, slow: Tensor | None = None) -> State:
         """Encode a history.
@@ -157,9 +163,10 @@ class Encoder(nn.Module):
         if not self.config.use_touch:
             missing = torch.ones_like(missing)
         touch = torch.where(missing[..., None], self.missing_touch, self.touch(history.tactile))
-        rotation = finger_frames(LEAP, history.joints[:, 0]).distal_rotation  # (batch, 4, 3, 3)
+        rotation = finger_frames(self.hand, history.joints[:, 0]).distal_rotation  # (batch, fingers, 3, 3)
         gravity = (rotation.mT @ history.gravity[:, None, :, None]).squeeze(-1)
-        moves = joints.transpose(1, 2).flatten(2), tips.transpose(1, 2).flatten(2)
+        own = functional.pad(joints, (0, 1))[..., self.finger_joints]  # (batch, frames, fingers, longest)
+        moves = own.transpose(1, 2).flatten(2), tips.transpose(1, 2).flatten(2)
         local = torch.cat([touch, *moves, rotation.flatten(2), gravity], -1)
         hidden = functional.silu(self.finger_in(local) + self.finger_bias)
         fingers = _norm(self.finger_out(hidden))
@@ -181,20 +188,20 @@ class Encoder(nn.Module):
 
         Returns:
             log(1 + load [N]) per finger, the logit that it carries load a horizon later, and what the slow
-            token alone says of log(1 + right force [N]); (batch, 4) each.
+            token alone says of log(1 + right force [N]); (batch, fingers) each.
         """
-        shared = torch.cat([state.body, state.contact], -1).unsqueeze(1).expand(-1, _FINGERS, -1)
+        shared = torch.cat([state.body, state.contact], -1).unsqueeze(1).expand(-1, self.hand.n_fingers, -1)
         later = self.contact_head(torch.cat([state.fingers, shared], -1)).squeeze(-1)
         return self.load_head(state.fingers).squeeze(-1), later, self.grip_head(state.slow)
 
     def _proprioception(self, history: History) -> tuple[Tensor, Tensor]:
-        """Return joints (batch, frames, 4, 4) and tips (batch, frames, 4, 3): now, then changes since."""
+        """Return joints (batch, frames, joints) and tips (batch, frames, fingers, 3): now, then changes."""
         joints, tips, config = history.joints, history.fingertips, self.config
         place = (joints[:, :1] - self.joint_center) / self.joint_range
         turned = (joints[:, :1] - joints[:, 1:]) / config.joint_step_scale
         where = (tips[:, :1] - self.tip_center) / config.tip_scale
         moved = (tips[:, :1] - tips[:, 1:]) / config.tip_step_scale
-        return torch.cat([place, turned], 1).unflatten(2, (_FINGERS, 4)), torch.cat([where, moved], 1)
+        return torch.cat([place, turned], 1), torch.cat([where, moved], 1)
 
     def _pool(self, body: Tensor, fingers: Tensor) -> Tensor:
         """Attend from the body to the fingers and mix with their tokens."""
@@ -204,6 +211,14 @@ class Encoder(nn.Module):
         weights = (query * keys).sum(-1).mul(keys.shape[-1] ** -0.5).softmax(-1)  # (batch, heads, fingers)
         pooled = (weights.unsqueeze(-1) * values).sum(2).flatten(1)
         return _norm(self.contact(torch.cat([pooled, fingers.flatten(1)], -1)))
+
+
+def _finger_joints(hand: Hand) -> Tensor:
+    """Return each finger's joints, (fingers, joints of the longest); `n_joints` stands for those it lacks."""
+    found = torch.full((hand.n_fingers, hand.tables.widest), hand.n_joints)
+    for row, own in zip(found, hand.finger_joints, strict=True):
+        row[: own.stop - own.start] = torch.arange(own.start, own.stop)
+    return found
 
 
 def compress(force: Tensor, scale: float) -> Tensor:

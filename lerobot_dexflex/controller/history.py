@@ -1,5 +1,6 @@
 """What the networks are given of the past: a few frames, a slow window and the recent drafts."""
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -11,34 +12,32 @@ from lerobot_dexflex.controller.config import (
     FRAMES,
     SLOW_SAMPLES,
     SLOW_STRIDE,
-    TAXELS,
 )
-from lerobot_dexflex.conventions import FINGER_NAMES, TACTILE
+from lerobot_dexflex.conventions import FINGERTIPS, GRAVITY, STATE, TACTILE
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand
 
 SLOW_OFFSETS = tuple(range(0, SLOW_STRIDE * SLOW_SAMPLES, SLOW_STRIDE))
 """Steps back of the slow window's samples."""
-_KEYS = {"observation.state": 16, "observation.fingertips": 12, "observation.gravity": 3}
-_FINGERS = len(FINGER_NAMES)
 
 
 class History(NamedTuple):
     """A batch of states with their past, in raw units; frames are newest first."""
 
     joints: Tensor
-    """Measured joints at `FRAMES` [rad]. Shape (batch, 4, 16)."""
+    """Measured joints at `FRAMES` [rad]. Shape (batch, 4, joints)."""
     fingertips: Tensor
-    """Measured fingertips at `FRAMES`, palm frame [m]. Shape (batch, 4, 4, 3)."""
+    """Measured fingertips at `FRAMES`, palm frame [m]. Shape (batch, 4, fingers, 3)."""
     gravity: Tensor
     """Unit vector in the palm frame. Shape (batch, 3)."""
     tactile: Tensor
-    """Taxel forces at `FRAMES` [N]. Shape (batch, 4, 4, 10, 6)."""
+    """Taxel forces at `FRAMES` [N]. Shape (batch, 4, fingers, *taxels)."""
     tactile_missing: Tensor
-    """Fingers whose touch is not known. Shape (batch, 4), bool."""
+    """Fingers whose touch is not known. Shape (batch, fingers), bool."""
     slow_loads: Tensor
-    """Total force per finger in the slow window [N]. Shape (batch, 8, 4)."""
+    """Total force per finger in the slow window [N]. Shape (batch, 8, fingers)."""
     slow_fingertips: Tensor
-    """Measured fingertips in the slow window [m]. Shape (batch, 8, 4, 3)."""
+    """Measured fingertips in the slow window [m]. Shape (batch, 8, fingers, 3)."""
     slow_missing: Tensor
     """Rows whose slow token is hidden. Shape (batch,), bool."""
 
@@ -67,11 +66,11 @@ def past_rows(rows: Tensor, step: Tensor, offsets: tuple[int, ...]) -> Tensor:
 
 
 class _Frame(NamedTuple):
-    joints: Tensor  # (rows, 16)
-    fingertips: Tensor  # (rows, 4, 3)
-    tactile: Tensor  # (rows, 4, 10, 6)
-    missing: Tensor  # (rows, 4)
-    loads: Tensor  # (rows, 4)
+    joints: Tensor  # (rows, joints)
+    fingertips: Tensor  # (rows, fingers, 3)
+    tactile: Tensor  # (rows, fingers, *taxels)
+    missing: Tensor  # (rows, fingers)
+    loads: Tensor  # (rows, fingers)
 
 
 class HistoryBuffer:
@@ -79,9 +78,13 @@ class HistoryBuffer:
 
     A row that was just reset is filled with its first observation. Rows are never written in place:
     LeRobot acts under `torch.inference_mode`, whose tensors may not be modified outside of it.
+
+    Args:
+        hand: Whose past.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, hand: Hand) -> None:
+        self.hand = hand
         self._fast: _Frame | None = None
         self._slow_loads: Tensor | None = None
         self._slow_tips: Tensor | None = None
@@ -90,7 +93,7 @@ class HistoryBuffer:
 
     @property
     def drafts(self) -> Tensor:
-        """First steps of the drafts before this one, oldest first [m]. Shape (batch, 8, 4, 3)."""
+        """First steps of the drafts before this one, oldest first [m]. Shape (batch, 8, fingers, 3)."""
         if self._drafts is None:
             raise DexFlexError("There are no drafts before the first observation; call `observe` first.")
         return self._drafts
@@ -98,7 +101,7 @@ class HistoryBuffer:
     def reset(self, mask: Tensor | None = None) -> None:
         """Forget the past of the rows in `mask` (batch,), or of all."""
         if mask is None or self._fresh is None:
-            self.__init__()
+            self.__init__(self.hand)
             return
         mask = torch.as_tensor(mask, dtype=torch.bool, device=self._fresh.device)
         if mask.shape != self._fresh.shape:
@@ -111,18 +114,19 @@ class HistoryBuffer:
         """Take in the newest observation and return the history that ends with it.
 
         Args:
-            observation: In raw units: `observation.state` (batch, >= 16), the hand's joints last [rad],
-                `observation.fingertips` (batch, 12) [m], `observation.gravity` (batch, 3) and, where there
-                is touch, `observation.tactile` (batch, 240) [N]. A finger with NaN is taken as missing.
+            observation: In raw units: `observation.state` (batch, >= joints), the hand's joints last [rad],
+                `observation.fingertips` (batch, fingers * 3) [m], `observation.gravity` (batch, 3) and, where
+                there is touch, `observation.tactile` (batch, fingers * taxels) [N]. A finger with NaN is
+                taken as missing.
 
         Raises:
             DexFlexError: If a key is missing or misshapen, or the batch changed without a reset.
         """
-        frame = _read_frame(observation)
+        frame = _read_frame(self.hand, observation)
         rows = len(frame.joints)
         if self._fresh is None:
             self._fresh = torch.ones(rows, dtype=torch.bool, device=frame.joints.device)
-            self._drafts = frame.joints.new_zeros(rows, DRAFT_HISTORY, _FINGERS, 3)
+            self._drafts = frame.joints.new_zeros(rows, DRAFT_HISTORY, self.hand.n_fingers, 3)
         assert self._drafts is not None
         fresh = self._fresh
         if rows != len(fresh):
@@ -143,7 +147,7 @@ class HistoryBuffer:
         return History(
             joints=self._fast.joints[:, frames],
             fingertips=self._fast.fingertips[:, frames],
-            gravity=observation["observation.gravity"].float(),
+            gravity=observation[GRAVITY].float(),
             tactile=self._fast.tactile[:, frames],
             tactile_missing=self._fast.missing[:, frames].any(1),
             slow_loads=self._slow_loads[:, slow],
@@ -155,7 +159,7 @@ class HistoryBuffer:
         """Take in the draft of this step, after it was used; its first step joins `drafts`.
 
         Args:
-            draft: Shape (batch, horizon, 4, 3) [m].
+            draft: Shape (batch, horizon, fingers, 3) [m].
         """
         self._drafts = torch.cat([self.drafts[:, 1:], draft[:, :1].to(self.drafts)], 1)
 
@@ -169,24 +173,29 @@ def _push(ring: Tensor | None, newest: Tensor, fresh: Tensor, length: int) -> Te
     return torch.where(fresh.view(-1, *[1] * newest.ndim), filled, rolled)
 
 
-def _read_frame(observation: Mapping[str, Tensor]) -> _Frame:
+def _read_frame(hand: Hand, observation: Mapping[str, Tensor]) -> _Frame:
+    fingers, taxels = hand.n_fingers, hand.n_fingers * math.prod(hand.taxels)
     values: dict[str, Tensor] = {}
-    for key, width in _KEYS.items():
+    for key, width in {STATE: hand.n_joints, FINGERTIPS: fingers * 3, GRAVITY: 3}.items():
         if key not in observation:
             raise DexFlexError(f"The observation lacks '{key}'. Got keys: {sorted(observation)}.")
         value = observation[key]
-        if value.ndim != 2 or value.shape[1] < width:
-            raise DexFlexError(f"'{key}' must have shape (batch, {width}). Got {tuple(value.shape)}.")
+        fits = value.ndim == 2 and (value.shape[1] == width or (key == STATE and value.shape[1] > width))
+        if not fits:
+            raise DexFlexError(
+                f"'{key}' of the hand '{hand.name}' must have shape (batch, {width}). "
+                f"Got {tuple(value.shape)}."
+            )
         values[key] = value[:, -width:].float()
         if not torch.isfinite(values[key]).all():
             raise DexFlexError(f"'{key}' holds NaN or infinity; hold the last reading or stop the hand.")
-    joints, tips = values["observation.state"], values["observation.fingertips"]
+    joints, tips = values[STATE], values[FINGERTIPS]
     tactile = observation.get(TACTILE)
     if tactile is None:
-        tactile = joints.new_full((len(joints), _FINGERS * TAXELS[0] * TAXELS[1]), torch.nan)
-    if tactile.numel() != len(joints) * _FINGERS * TAXELS[0] * TAXELS[1]:
-        raise DexFlexError(f"'{TACTILE}' must have shape (batch, 240) [N]. Got {tuple(tactile.shape)}.")
-    tactile = tactile.float().reshape(-1, _FINGERS, *TAXELS)
+        tactile = joints.new_full((len(joints), taxels), torch.nan)
+    if tactile.numel() != len(joints) * taxels:
+        raise DexFlexError(f"'{TACTILE}' must have shape (batch, {taxels}) [N]. Got {tuple(tactile.shape)}.")
+    tactile = tactile.float().reshape(-1, fingers, *hand.taxels)
     missing = ~torch.isfinite(tactile).flatten(2).all(-1)
     tactile = torch.where(missing[..., None, None], 0.0, tactile)
-    return _Frame(joints, tips.reshape(-1, _FINGERS, 3), tactile, missing, tactile.sum((-1, -2)))
+    return _Frame(joints, tips.reshape(-1, fingers, 3), tactile, missing, tactile.sum((-1, -2)))

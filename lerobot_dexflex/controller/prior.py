@@ -73,7 +73,7 @@ class Prior(nn.Module):
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
-        width, fingers = config.prior_width, len(config.fingers)
+        width, fingers = config.prior_width, config.n_fingers
         self.heads = config.prior_heads
         self.project = nn.ModuleList(
             nn.Linear(n, width)
@@ -106,9 +106,9 @@ class Prior(nn.Module):
         """Return the chunk at which a step of this size points.
 
         Args:
-            x: Normalised chunks on their way. Shape (batch, draws, 4, horizon * 3).
-            t: Flow time of every finger. Shape (batch, draws, 4).
-            step: Size of the step in flow time. Shape (batch, draws, 4).
+            x: Normalised chunks on their way. Shape (batch, draws, fingers, horizon * 3).
+            t: Flow time of every finger. Shape (batch, draws, fingers).
+            step: Size of the step in flow time. Shape (batch, draws, fingers).
             context: The prepared states.
 
         Returns:
@@ -124,8 +124,9 @@ class Prior(nn.Module):
         """Integrate every finger of every draw from its start time to 1, in as many batched calls as steps.
 
         Args:
-            x: Where the draws begin: noise, noisy drafts, or drafts. Shape (batch, draws, 4, horizon * 3).
-            start: Start time of each finger; at 1 it stays what it is. Shape (draws, 4).
+            x: Where the draws begin: noise, noisy drafts, or drafts.
+                Shape (batch, draws, fingers, horizon * 3).
+            start: Start time of each finger; at 1 it stays what it is. Shape (draws, fingers).
             steps: Number of steps.
             context: The prepared states.
 

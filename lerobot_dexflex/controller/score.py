@@ -15,7 +15,7 @@ class Score(nn.Module):
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
         width, chunk = config.score_width, config.chunk_width
-        history = config.draft_history * len(config.fingers) * 3
+        history = config.draft_history * config.n_fingers * 3
         self.from_state = nn.Linear(config.feature_width + chunk + history, width)
         self.from_candidate = nn.Linear(2 * chunk + config.latent_width, width, bias=False)
         self.first, self.second = nn.Linear(width, width), nn.Linear(width, width)
@@ -28,10 +28,10 @@ class Score(nn.Module):
 
         Args:
             state: The encoded states.
-            draft: Normalised. Shape (batch, 4, horizon * 3).
+            draft: Normalised. Shape (batch, fingers, horizon * 3).
             drafts_history: First steps of earlier drafts, in units of the first step's scale. Shape (batch,
-                8 * 12).
-            chunks: Normalised candidates. Shape (batch, candidates, 4, horizon * 3).
+                8 * fingers * 3).
+            chunks: Normalised candidates. Shape (batch, candidates, fingers, horizon * 3).
             latent: The world model's predictions, zeros hide them. Shape (batch, candidates, latent_width).
 
         Returns:

@@ -18,7 +18,7 @@ class Splitter(nn.Module):
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
-        width, fingers = config.splitter_width, len(config.fingers)
+        width, fingers = config.splitter_width, config.n_fingers
         self.scale = config.squeeze_scale
         self.dropout = nn.Dropout(DROPOUT)
         self.inputs = nn.Linear(config.feature_width + config.chunk_width, width)
@@ -28,11 +28,11 @@ class Splitter(nn.Module):
             nn.init.zeros_(parameter)
 
     def forward(self, state: State, draft: Tensor) -> Tensor:
-        """Return what of every step of a draft commands into the object [m]. Shape (batch, 4, 3).
+        """Return what of every step of a draft commands into the object [m]. Shape (batch, fingers, 3).
 
         Args:
             state: The encoded states.
-            draft: Shape (batch, horizon, 4, 3) [m].
+            draft: Shape (batch, horizon, fingers, 3) [m].
         """
         unit = (draft / self.scale).clamp(-_FARTHEST, _FARTHEST).flatten(1)
         known = torch.cat([self.dropout(state.features), unit], -1)

@@ -17,9 +17,9 @@ class Prediction(NamedTuple):
     latent: Tensor
     """Predicted z a horizon later. Shape (batch, candidates, latent_width)."""
     contact_loss: Tensor
-    """Logit that a finger loaded now is unloaded at the end. Shape (batch, candidates, 4)."""
+    """Logit that a finger loaded now is unloaded at the end. Shape (batch, candidates, fingers)."""
     slip: Tensor
-    """Logit that a finger loaded now slips along the object. Shape (batch, candidates, 4)."""
+    """Logit that a finger loaded now slips along the object. Shape (batch, candidates, fingers)."""
     grasp_loss: Tensor
     """Logit that the grasp is lost within the horizon. Shape (batch, candidates)."""
 
@@ -29,7 +29,7 @@ class WorldModel(nn.Module):
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
-        width, fingers = config.world_width, len(config.fingers)
+        width, fingers = config.world_width, config.n_fingers
         self.sizes = [config.latent_width, fingers, fingers, 1]
         self.from_state = nn.Linear(config.feature_width, width)
         self.from_chunk = nn.Linear(config.chunk_width, width, bias=False)
@@ -37,7 +37,7 @@ class WorldModel(nn.Module):
         self.out = nn.Linear(width, sum(self.sizes))
 
     def forward(self, state: State, chunks: Tensor) -> Prediction:
-        """Predict the outcome of normalised chunks, shape (batch, candidates, 4, horizon * 3)."""
+        """Predict the outcome of normalised chunks, shape (batch, candidates, fingers, horizon * 3)."""
         chunks = chunks.flatten(-2)
         hidden = functional.silu(self.from_state(state.features).unsqueeze(1) + self.from_chunk(chunks))
         out = self.out(functional.silu(residual_block(hidden, self.first, self.second)))

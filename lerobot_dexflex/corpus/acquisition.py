@@ -26,7 +26,6 @@ from lerobot_dexflex.experts.reach.operator import LEAST_FORCE, PRELOAD, Guidanc
 from lerobot_dexflex.experts.reach.sensing import Senses
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
-from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -49,17 +48,17 @@ class Opening(NamedTuple):
     """An open hand before a grasp, and the way in. Frames: palm."""
 
     joints: Array
-    """Joint posture of the open hand [rad]. Shape (16,)."""
+    """Joint posture of the open hand [rad]. Shape (joints,)."""
     near: Array
-    """Tips just before the object [m]. Shape (4, 3)."""
+    """Tips just before the object [m]. Shape (fingers, 3)."""
     closed: Array
-    """Tips that hold the object [m]. Shape (4, 3)."""
+    """Tips that hold the object [m]. Shape (fingers, 3)."""
     inward: Array
-    """Contact normals of the grasp into the object; zero for fingers that take no part. Shape (4, 3)."""
+    """Contact normals of the grasp into the object; zero for others than `active`. Shape (fingers, 3)."""
 
     @property
     def active(self) -> NDArray[np.bool_]:
-        """Which fingers grasp. Shape (4,)."""
+        """Which fingers grasp. Shape (fingers,)."""
         return np.abs(self.inward).max(1) > 0
 
 
@@ -72,14 +71,14 @@ def find_opening(env: CorpusEnv, episode: ReachEpisode, rng: np.random.Generator
         rng: Source of randomness, for the width.
     """
     env.start(episode, World())
-    now = Senses(env).read()
-    width = rng.uniform(*_OPENING, 4)
+    hand, now = env.hand, Senses(env).read()
+    width = rng.uniform(*_OPENING, hand.n_fingers)
     for _ in range(_ATTEMPTS):
         joints = now.joints
         for share in np.linspace(0, 1, _RETREAT_INCREMENTS + 1)[1:]:
             targets = now.tips - share * width[:, None] * now.inward
-            joints = kernels.solve_fingertips(LEAP.tables, targets, joints)
-        env.data.qpos[:16] = joints
+            joints = kernels.solve_fingertips(hand.tables, targets, joints)
+        env.data.qpos[: hand.n_joints] = joints
         mujoco.mj_forward(env.model, env.data)
         if env.data.ncon == 0 or env.data.contact.dist.min() > -_OVERLAP:
             inward = now.inward * (now.loads > CONTACT_FORCE)[:, None]
@@ -118,6 +117,7 @@ class Acquisition:
 
     def __init__(self, opening: Opening, rng: np.random.Generator, strength: float = 1.0) -> None:
         self._opening, self._rng, self._strength = opening, rng, strength
+        self._fingers = len(opening.closed)
         self._phases: list[Callable[[RunningEpisode], Guidance | None]] = [
             self._approach,
             self._close,
@@ -126,12 +126,12 @@ class Acquisition:
             self._let_go,
         ]
         self._timer = 0
-        self._start, self._target = np.zeros((2, 4, 3))
+        self._start, self._target = np.zeros((2, self._fingers, 3))
         self._duration = 0
-        self._delay = np.zeros(4, int)
-        self._touched = np.zeros(4, bool)
-        self._pressed = np.zeros(4)
-        self._squeezed, self._held = np.zeros((2, 4, 3))
+        self._delay = np.zeros(self._fingers, int)
+        self._touched = np.zeros(self._fingers, bool)
+        self._pressed = np.zeros(self._fingers)
+        self._squeezed, self._held = np.zeros((2, self._fingers, 3))
         self._operator: Operator | None = None
         self._follower: GoalFollower | None = None
 
@@ -152,8 +152,8 @@ class Acquisition:
         """Bring the pads in front of the object, one finger later than another."""
         if self._timer == 0:
             self._begin(run, self._opening.near, self.APPROACH)
-            self._delay = self._rng.integers(0, self.LATE, 4)
-            self._touched, self._pressed = ~self._opening.active, np.zeros(4)
+            self._delay = self._rng.integers(0, self.LATE, self._fingers)
+            self._touched, self._pressed = ~self._opening.active, np.zeros(self._fingers)
         if self._timer >= self._duration + self._delay.max():
             return None
         return self._on_the_way(run)
@@ -162,7 +162,7 @@ class Acquisition:
         """Move every finger on until it touches; it presses while the others come."""
         active, inward = self._opening.active, self._opening.inward
         if self._timer == 0:
-            depth = self._rng.uniform(*_DEPTH, (4, 1))
+            depth = self._rng.uniform(*_DEPTH, (self._fingers, 1))
             self._begin(run, self._opening.closed + depth * inward, self.CLOSE)
             self._squeezed[active], _ = balance_forces(
                 self._opening.closed[active],
@@ -207,9 +207,9 @@ class Acquisition:
             self._give_back(run)
             assert self._operator is not None
             self._held = self._operator.guide(run.now).forces
-            away = self._rng.uniform(*_OPENING, (4, 1)) * run.now.inward
+            away = self._rng.uniform(*_OPENING, (self._fingers, 1)) * run.now.inward
             self._begin(run, run.now.tips - away, self.LET_GO)
-            self._delay = self._rng.integers(*self.DELAY, 4)
+            self._delay = self._rng.integers(*self.DELAY, self._fingers)
         if self._timer >= self._duration + self._delay.max():
             return None
         share = np.clip((self._delay - self._timer) / _RELEASE_STEPS, 0, 1)[:, None]
@@ -235,10 +235,10 @@ class Acquisition:
 
         Args:
             run: The episode.
-            waiting: Fingers that stay where they are. Shape (4,).
-            forces: What the fingers should press [N], none by default. Shape (4, 3).
+            waiting: Fingers that stay where they are. Shape (fingers,).
+            forces: What the fingers should press [N], none by default. Shape (fingers, 3).
         """
-        tips = np.empty((DRAFT_HORIZON, 4, 3))
+        tips = np.empty((DRAFT_HORIZON, self._fingers, 3))
         place = run.now.tips
         for ahead in range(DRAFT_HORIZON):
             phase = np.clip((self._timer + 1 + ahead - self._delay) / self._duration, 0, 1)
@@ -249,17 +249,16 @@ class Acquisition:
             tips[ahead] = place
         if waiting is not None:
             tips[:, waiting] = run.now.tips[waiting]
-        forces = np.zeros((4, 3)) if forces is None else forces
+        forces = np.zeros((self._fingers, 3)) if forces is None else forces
         return _guidance(run, tips, forces, self._strength * forces)
 
 
 def _guidance(run: RunningEpisode, tips: Array, forces: Array, grip: Array) -> Guidance:
     """Return guidance with the joint targets that bring the tips somewhere and press."""
-    now = run.now
+    hand, now = run.hand, run.now
     pressing = np.abs(grip).max(1) > 0
     # A free finger goes on from its command, so that it arrives; one that presses must not wind up.
-    begin = np.where(np.repeat(pressing, 4), now.joints, run.env.command)
-    joints = gripping_joints(
-        LEAP, kernels.solve_fingertips(LEAP.tables, tips[0], begin), now.joints, now.points, grip
-    )
+    begin = np.where(pressing[hand.finger_of_joint], now.joints, run.env.command)
+    posture = kernels.solve_fingertips(hand.tables, tips[0], begin)
+    joints = gripping_joints(hand, posture, now.joints, now.points, grip)
     return Guidance(tips, forces, grip, now.points, joints)

@@ -6,6 +6,7 @@ from typing import Any
 
 from lerobot_dexflex.corpus.schema import ACQUIRED, OPERATED, TURNED
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 
 FIRST_SEED = {"train": 0, "tune": 10_000, "test": 20_000}
 """Seed of the first object of every split. The benchmark's objects begin at 100 000, never used here."""
@@ -62,8 +63,11 @@ class CorpusConfig:
     steps_per_object: int = 600
     """Kept control steps per object, on average."""
     shares: Shares = field(default_factory=Shares)
+    hand: str = "leap"
+    """Whose data: a name of the library, or `package.module:ATTRIBUTE`."""
 
     def __post_init__(self) -> None:
+        get_hand(self.hand)
         if self.seed < 0 or self.workers < 0:
             raise DexFlexError(
                 f"`seed` and `workers` must not be negative. Got {self.seed} and {self.workers}."
@@ -90,7 +94,7 @@ class CorpusConfig:
         return list(range(first, first + self.objects_per_job))
 
 
-_DECISIVE = ("seed", "objects_per_job", "steps_per_object", "shares")
+_DECISIVE = ("hand", "seed", "objects_per_job", "steps_per_object", "shares")
 
 
 def identity(config: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.commands.families import NO_ERRORS, CommandError, CommandErrors
 from lerobot_dexflex.commands.stream import ErrorStream
 from lerobot_dexflex.experts.reach.sensing import HandState
+from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
 
@@ -58,18 +59,19 @@ class UnsteadyGrip:
     """Errors of the executed forces as a learner would make them (DART, Laskey et al. 2017).
 
     Args:
+        hand: Whose grip.
         rng: Source of randomness, of their size, too.
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
+    def __init__(self, hand: Hand, rng: np.random.Generator) -> None:
         self._rng = rng
         self._size = float(rng.uniform(0, _LARGEST_UNSTEADINESS))
-        self._direction = rng.normal(size=(4, 3))
+        self._direction = rng.normal(size=(hand.n_fingers, 3))
 
     def step(self, grip: Array) -> Array:
-        """Return what is added to the forces of a grip [N] in this control step. Shapes (4, 3)."""
+        """Return what is added to the forces of a grip [N] in this control step. Shapes (fingers, 3)."""
         rest = np.sqrt(1 - _STEADINESS**2)
-        self._direction = _STEADINESS * self._direction + rest * self._rng.normal(size=(4, 3))
+        self._direction = _STEADINESS * self._direction + rest * self._rng.normal(size=self._direction.shape)
         return self._size / np.sqrt(3) * np.linalg.norm(grip, axis=1, keepdims=True) * self._direction
 
 
@@ -77,17 +79,18 @@ class Distortion:
     """Spoil an operator's drafts and say when they are to be executed.
 
     Args:
+        hand: Whose drafts.
         errors: What happens to the drafts.
         rng: Source of randomness, of everything in the episode.
     """
 
-    def __init__(self, errors: CommandErrors, rng: np.random.Generator) -> None:
-        self._stream, self._rng = ErrorStream(1), rng
+    def __init__(self, hand: Hand, errors: CommandErrors, rng: np.random.Generator) -> None:
+        self._stream, self._rng = ErrorStream(hand, 1), rng
         self._stream.begin(0, errors, [rng for _ in errors])
         self._active, self._left = False, int(rng.integers(*_STRETCH))
 
     def step(self, plan: Array, now: HandState) -> tuple[Array, bool]:
-        """Return the spoilt draft [m] (8, 4, 3) and whether it, not the operator's own, is executed."""
+        """Return the spoilt draft [m] (8, fingers, 3) and whether it, not the operator's own, is executed."""
         if self._left == 0:
             self._active, self._left = not self._active, int(self._rng.integers(*_STRETCH))
         self._left -= 1

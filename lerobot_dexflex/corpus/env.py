@@ -13,7 +13,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP
 from lerobot_dexflex.hand.touch import TouchConfig
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
 
@@ -24,11 +24,12 @@ class CorpusEnv(ReachEnv):
     """`ReachEnv` without images whose servos, sensors and disturbances are those of a `World`.
 
     Args:
+        hand: The hand.
         touch: Sensor effects.
     """
 
-    def __init__(self, touch: TouchConfig | None = None) -> None:
-        super().__init__(render_mode=None, cameras=(), touch=touch)
+    def __init__(self, hand: Hand, touch: TouchConfig | None = None) -> None:
+        super().__init__(render_mode=None, cameras=(), touch=touch, hand=hand)
         self.world = World()
 
     def draw(self, seed: int) -> ReachEpisode:
@@ -56,7 +57,7 @@ class CorpusEnv(ReachEnv):
         Args:
             clock: Control steps from the episode's start to the kept state.
             physics: MuJoCo's integration state.
-            command: Joint command before the step [rad]. Shape (16,).
+            command: Joint command before the step [rad]. Shape (joints,).
 
         Raises:
             DexFlexError: If the state is not one of this model.
@@ -87,7 +88,7 @@ class CorpusEnv(ReachEnv):
 
     def _load(self, episode: ReachEpisode) -> None:
         super()._load(episode)
-        self._world_physics = WorldPhysics(self.model, self.world)
+        self._world_physics = WorldPhysics(self.hand, self.model, self.world)
 
     def _build(self, episode: ReachEpisode) -> mujoco.MjSpec:
         spec = super()._build(episode)
@@ -102,8 +103,9 @@ class CorpusEnv(ReachEnv):
         """Return the observation of the state now, with the world's noise on the joints."""
         observation = super().observe()
         if self.world.joint_noise:
-            noise = self.world.joint_noise * self.np_random.standard_normal(16)
+            noise = self.world.joint_noise * self.np_random.standard_normal(self.hand.n_joints)
             joints = observation["agent_pos"] + noise
             observation["agent_pos"] = joints.astype(np.float32)
-            observation["fingertips"] = kernels.fingertips(LEAP.tables, joints).astype(np.float32).reshape(-1)
+            tips = kernels.fingertips(self.hand.tables, joints)
+            observation["fingertips"] = tips.astype(np.float32).reshape(-1)
         return observation

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.corpus.distortion import Distortion, UnsteadyGrip
 from lerobot_dexflex.corpus.env import CorpusEnv
-from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS, SNAPSHOT_INTERVAL
+from lerobot_dexflex.corpus.schema import SNAPSHOT_INTERVAL, columns, snapshot_columns
 from lerobot_dexflex.corpus.shard import Shard
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.envs.reach import DROP_DISTANCE, GOAL_RADIUS, ReachEpisode
@@ -16,7 +16,6 @@ from lerobot_dexflex.experts.reach.operator import Guidance
 from lerobot_dexflex.experts.reach.sensing import HandState, Senses
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
-from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -49,7 +48,7 @@ class RunningEpisode:
     def __init__(
         self, env: CorpusEnv, episode: ReachEpisode, world: World, kind: int, facts: dict[str, Any]
     ) -> None:
-        self.env, self.kind, self.facts = env, kind, facts
+        self.env, self.hand, self.kind, self.facts = env, env.hand, kind, facts
         self.observation = env.start(episode, world)
         self.senses = Senses(env)
         self.now: HandState = self.senses.read()
@@ -79,21 +78,21 @@ class RunningEpisode:
 
         Args:
             guidance: What the leader wants in this state.
-            draft: What is left of its plan [m]. Shape (8, 4, 3).
+            draft: What is left of its plan [m]. Shape (8, fingers, 3).
             spoilt: Whether the draft is executed, with the leader's grip; else the leader's own command.
-            error: What is added to the executed forces [N]. Shape (4, 3).
+            error: What is added to the executed forces [N]. Shape (fingers, 3).
         """
         env, now, seen = self.env, self.now, self.observation
         joints = self._follow(guidance, draft[0]) if spoilt else guidance.joints
         if error is not None:
-            joints = gripping_joints(LEAP, joints, now.joints, guidance.points, error)
-        joints = joints.astype(COLUMNS["joint_targets"].dtype)  # As recorded, so that it can be replayed.
+            joints = gripping_joints(self.hand, joints, now.joints, guidance.points, error)
+        joints = joints.astype(np.float32)  # As recorded, so that it can be replayed.
         if self.steps % SNAPSHOT_INTERVAL == 0:
             self._snapshots.append((self.steps, env.physics_state(), env.command))
         wanted = now.tips + draft[0] if spoilt else guidance.tips[0]
         row = (
             seen["agent_pos"],
-            seen["fingertips"].reshape(4, 3),
+            seen["fingertips"].reshape(-1, 3),
             seen["gravity"],
             seen["tactile"],
             draft,
@@ -113,19 +112,18 @@ class RunningEpisode:
         self._rows.append((*row, lost))
 
     def _follow(self, guidance: Guidance, motion: Array) -> Array:
-        """Return joint targets [rad] that move the tips [m] (4, 3) with the leader's grip."""
+        """Return joint targets [rad] that move the tips [m] (fingers, 3) with the leader's grip."""
         now = self.now
-        solved = kernels.solve_fingertips(LEAP.tables, now.tips + motion, now.joints)
-        return gripping_joints(LEAP, solved, now.joints, guidance.points, guidance.grip)
+        solved = kernels.solve_fingertips(self.hand.tables, now.tips + motion, now.joints)
+        return gripping_joints(self.hand, solved, now.joints, guidance.points, guidance.grip)
 
     def finish(self) -> Shard:
         """Return the recorded episode."""
-        columns = [np.array(values) for values in zip(*self._rows, strict=True)]
-        columns += [np.arange(self.steps), np.zeros(self.steps), np.full(self.steps, self.kind)]
-        tensors = dict(zip(COLUMNS, columns, strict=True))
-        kept = [np.array(values) for values in zip(*self._snapshots, strict=True)]
-        tensors |= dict(zip(SNAPSHOT_COLUMNS, kept, strict=True))
-        types = {**COLUMNS, **SNAPSHOT_COLUMNS}
+        types = columns(self.hand) | snapshot_columns(self.hand)
+        found = [np.array(values) for values in zip(*self._rows, strict=True)]
+        found += [np.arange(self.steps), np.zeros(self.steps), np.full(self.steps, self.kind)]
+        found += [np.array(values) for values in zip(*self._snapshots, strict=True)]
+        tensors = dict(zip(types, found, strict=True))
         metadata = {
             "kind": self.kind,
             "rows": self.steps,
@@ -133,7 +131,8 @@ class RunningEpisode:
             "world": self.env.world.to_dict(),
             **self.facts,
         }
-        return Shard({k: v.astype(types[k].dtype) for k, v in tensors.items()}, [metadata], {})
+        typed = {key: value.astype(types[key].dtype) for key, value in tensors.items()}
+        return Shard(self.hand, typed, [metadata], {})
 
 
 def is_lost(now: HandState, episode: ReachEpisode) -> bool:

@@ -19,6 +19,7 @@ from lerobot_dexflex.corpus.turning import Turning, find_turn
 from lerobot_dexflex.corpus.world import World, vary_object
 from lerobot_dexflex.envs.reach import ReachEpisode
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.hands import get_hand
 
 Episodes = dict[int, ReachEpisode]
 """Start of every object, by its seed."""
@@ -47,7 +48,7 @@ def run_job(config: CorpusConfig, commit: str, split: str, number: int) -> None:
         number: Number of the job within the split.
     """
     begun = time.process_time()
-    env = CorpusEnv()
+    env = CorpusEnv(get_hand(config.hand))
     episodes = {seed: env.draw(seed) for seed in config.object_seeds(split, number)}
     total = config.steps_per_object * config.objects_per_job
     budgets = {kind: share * total for kind, share in config.shares.by_kind.items()}
@@ -85,7 +86,7 @@ def _rounds(
 def _operated(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Iterator[Shard]:
     """Lead objects to goals under spoilt drafts, in most episodes with wrenches and slips, too."""
     for seed, episode, rng in _rounds(config, episodes, OPERATED):
-        world, steps = World.sample(rng), int(rng.integers(*_EPISODE_STEPS))
+        world, steps = World.sample(env.hand, rng), int(rng.integers(*_EPISODE_STEPS))
         varied = _varied(episode, rng)
         if rng.random() < _DISTURBED:
             world.disturb(rng, steps, varied.object_spec.mass)
@@ -93,7 +94,7 @@ def _operated(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
         facts = {"seed": seed, "errors": errors.name, "strength": strength}
         run = RunningEpisode(env, varied, world, OPERATED, facts)
         leader = GoalFollower(run, rng, steps, strength)
-        run.run(leader, Distortion(errors, rng), UnsteadyGrip(rng))
+        run.run(leader, Distortion(env.hand, errors, rng), UnsteadyGrip(env.hand, rng))
         goals = {"goals_attempted": leader.attempted, "goals_solved": leader.solved}
         facts.update(goals)
         yield run.finish()._replace(totals=goals)
@@ -104,7 +105,7 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
         opening = find_opening(env, episode, rng)
         if opening is None:
             continue
-        world = World.sample(rng)
+        world = World.sample(env.hand, rng)
         errors = sample_errors(rng, clean_share=1.0 - _DISTORTED)
         strength = float(rng.uniform(*_STRENGTH))
         facts = {"seed": seed, "errors": errors.name, "strength": strength}
@@ -113,7 +114,8 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
             world.disturb(rng, _ACQUISITION_STEPS, varied.object_spec.mass)
         opened = open_episode(varied, world, opening, rng)
         run = RunningEpisode(env, opened, world, ACQUIRED, facts)
-        run.run(Acquisition(opening, rng, strength), Distortion(errors, rng), UnsteadyGrip(rng))
+        leader = Acquisition(opening, rng, strength)
+        run.run(leader, Distortion(env.hand, errors, rng), UnsteadyGrip(env.hand, rng))
         facts["released"] = not run.lost_steps
         yield run.finish()._replace(totals={"acquisitions": 1, "released": int(facts["released"])})
 
@@ -121,10 +123,11 @@ def _acquired(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Itera
 def _turned(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Iterator[Shard]:
     for seed, episode, rng in _rounds(config, episodes, TURNED):
         opening = find_opening(env, episode, rng)
-        turn = None if opening is None else find_turn(opening, episode, rng)
+        turn = None if opening is None else find_turn(env.hand, opening, episode, rng)
         if opening is None or turn is None:
             continue
-        world, errors, strength = World.sample(rng), sample_errors(rng), float(rng.uniform(*_STRENGTH))
+        world, errors = World.sample(env.hand, rng), sample_errors(rng)
+        strength = float(rng.uniform(*_STRENGTH))
         world.hinge = turn.hinge
         varied = _varied(episode, rng)
         if rng.random() < _DISTURBED:
@@ -134,7 +137,7 @@ def _turned(config: CorpusConfig, env: CorpusEnv, episodes: Episodes) -> Iterato
         facts = {"seed": seed, "errors": errors.name, "strength": strength}
         run = RunningEpisode(env, opened, world, TURNED, facts)
         leader = Turning(opening, rng, strength, turn)
-        run.run(leader, Distortion(errors, rng), UnsteadyGrip(rng))
+        run.run(leader, Distortion(env.hand, errors, rng), UnsteadyGrip(env.hand, rng))
         if leader.done < _LEAST_TURNED * leader.wanted:
             continue  # Links were in the way, or the fingers slid: nothing to learn from.
         totals = {"strokes": leader.strokes, "strokes_rad": leader.wanted, "turned_rad": leader.done}
@@ -147,7 +150,7 @@ def _varied(episode: ReachEpisode, rng: np.random.Generator) -> ReachEpisode:
 
 
 def _contact_patterns(shard: Shard) -> dict[str, float]:
-    """Count which fingers are loaded together; index, middle, ring, thumb."""
+    """Count which fingers are loaded together, in the order of the hand's fingers."""
     loaded = (shard.tensors["loads"] > CONTACT_FORCE).astype(int)
     patterns, counts = np.unique(loaded, axis=0, return_counts=True)
     return {

@@ -9,21 +9,18 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import load_file, save_file
 
-from lerobot_dexflex.corpus.schema import (
-    COLUMNS,
-    FORMAT,
-    SNAPSHOT_COLUMNS,
-    Tensors,
-    check_rows,
-)
+from lerobot_dexflex.corpus.schema import FORMAT, Tensors, check_rows, columns, snapshot_columns
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand, get_hand
 
 
 class Shard(NamedTuple):
     """Control steps of several episodes, or of one while it is recorded."""
 
+    hand: Hand
+    """Whose steps."""
     tensors: Tensors
-    """The columns of `schema.COLUMNS` and `schema.SNAPSHOT_COLUMNS`."""
+    """What `schema.columns` and `schema.snapshot_columns` say."""
     episodes: list[dict[str, Any]]
     """Per episode: kind, seed, object, gravity and everything else that rebuilds its simulator."""
     totals: dict[str, float]
@@ -37,8 +34,12 @@ def shard_path(folder: Path, number: int) -> Path:
 
 def write_shard(path: Path, shard: Shard) -> None:
     """Check a shard and write it; a crash leaves no half-written file under its name."""
-    check_rows(shard.tensors, shard.episodes)
-    header = {"episodes": json.dumps(shard.episodes), "totals": json.dumps(shard.totals)}
+    check_rows(*shard[:3])
+    header = {
+        "hand": shard.hand.name,
+        "episodes": json.dumps(shard.episodes),
+        "totals": json.dumps(shard.totals),
+    }
     _write(path, shard.tensors, header)
 
 
@@ -49,13 +50,13 @@ def read_shard(path: Path) -> Shard:
         DexFlexError: If the file is damaged or of another format.
     """
     header = read_header(path)
-    shard = Shard(load_file(path), header["episodes"], header["totals"])
-    check_rows(shard.tensors, shard.episodes)
+    shard = Shard(get_hand(header["hand"]), load_file(path), header["episodes"], header["totals"])
+    check_rows(*shard[:3])
     return shard
 
 
 def read_header(path: Path) -> dict[str, Any]:
-    """Return `episodes` and `totals` of a shard without reading its tensors."""
+    """Return `hand`, `episodes` and `totals` of a shard without reading its tensors."""
     try:
         with safe_open(path, "numpy") as file:
             header = file.metadata() or {}
@@ -66,8 +67,8 @@ def read_header(path: Path) -> dict[str, Any]:
     if header.get("format") != FORMAT:
         raise DexFlexError(f"{path} has format {header.get('format')!r}; this version reads {FORMAT!r}.")
     try:
-        return {key: json.loads(header[key]) for key in ("episodes", "totals") if key in header}
-    except ValueError as error:
+        return {"hand": header["hand"]} | {key: json.loads(header[key]) for key in ("episodes", "totals")}
+    except (KeyError, ValueError) as error:
         raise DexFlexError(f"{path} has a damaged header. Delete it and make it anew.") from error
 
 
@@ -75,15 +76,21 @@ def concatenate(parts: Sequence[Shard]) -> Shard:
     """Join shards in order: rows, episodes and snapshots are renumbered, totals added.
 
     Raises:
-        DexFlexError: If there is nothing to join, or their simulator states differ in size.
+        DexFlexError: If there is nothing to join, or their hands or the sizes of their simulator states
+            differ.
     """
     if not parts:
         raise DexFlexError("There is no shard to join; every episode of the job failed.")
+    hand = parts[0].hand
+    hands = {part.hand.name for part in parts}
+    if len(hands) > 1:
+        raise DexFlexError(f"Shards of different hands cannot be joined. Got {sorted(hands)}.")
     sizes = {part.tensors["snapshot_physics"].shape[1] for part in parts}
     if len(sizes) > 1:
         raise DexFlexError(f"Simulator states of different sizes cannot be joined. Got {sorted(sizes)}.")
     joined = {
-        key: np.concatenate([part.tensors[key] for part in parts]) for key in (*COLUMNS, *SNAPSHOT_COLUMNS)
+        key: np.concatenate([part.tensors[key] for part in parts])
+        for key in (*columns(hand), *snapshot_columns(hand))
     }
     rows = [len(part.tensors["step"]) for part in parts]
     kept = [len(part.tensors["snapshot_step"]) for part in parts]
@@ -94,7 +101,7 @@ def concatenate(parts: Sequence[Shard]) -> Shard:
     for part in parts:
         for key, value in part.totals.items():
             totals[key] = totals.get(key, 0.0) + value
-    return Shard(joined, [episode for part in parts for episode in part.episodes], totals)
+    return Shard(hand, joined, [episode for part in parts for episode in part.episodes], totals)
 
 
 def _offsets(counts: list[int]) -> np.ndarray:

@@ -18,7 +18,7 @@ from lerobot_dexflex.experts.reach.operator import LEAD, SPEED, Guidance
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.poses import quaternion_matrix, quaternion_of, quaternion_product, rotation_between
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
 
@@ -52,10 +52,11 @@ class Turn(NamedTuple):
     """Where they end [rad]."""
 
 
-def find_turn(opening: Opening, episode: ReachEpisode, rng: np.random.Generator) -> Turn | None:
+def find_turn(hand: Hand, opening: Opening, episode: ReachEpisode, rng: np.random.Generator) -> Turn | None:
     """Return the longest strokes that a grasp can do about its object's own or some random axes, or None.
 
     Args:
+        hand: Whose fingers turn it.
         opening: The grasp and the way into it.
         episode: Where the object is.
         rng: Source of randomness.
@@ -66,7 +67,7 @@ def find_turn(opening: Opening, episode: ReachEpisode, rng: np.random.Generator)
     longest = np.full(_AXES, _LONGEST_OF_EDGED)
     if episode.object_spec.kind != "box":  # Round about its z axis, at least the part that is held.
         axes[0], longest[0] = quaternion_matrix(np.array(episode.quaternion))[:, 2], np.inf
-    ends = [_ends(opening, np.array(episode.hand_joints), position, axis) for axis in axes]
+    ends = [_ends(hand, opening, np.array(episode.hand_joints), position, axis) for axis in axes]
     angles = np.minimum([high - low for low, high in ends], longest)
     best = int(np.argmax(angles))
     if angles[best] < _LEAST_ANGLE:
@@ -91,15 +92,15 @@ def turned(opening: Opening, position: Array, turn: Array) -> Opening:
     return Opening(opening.joints, near, closed, opening.inward @ rotation.T)
 
 
-def _ends(opening: Opening, start: Array, position: Array, axis: Array) -> tuple[float, float]:
+def _ends(hand: Hand, opening: Opening, start: Array, position: Array, axis: Array) -> tuple[float, float]:
     """Return how far the fingers reach about an axis from the grasp's joints, backward and forward [rad]."""
     ends = []
     for sense in (-_STEP, _STEP):
         steps, joints = 0, start
         while steps < _STEPS:
             wanted = turned(opening, position, (steps + 1) * sense * axis).closed
-            joints = kernels.solve_fingertips(LEAP.tables, wanted, joints)
-            missed = np.linalg.norm(kernels.fingertips(LEAP.tables, joints) - wanted, axis=1)
+            joints = kernels.solve_fingertips(hand.tables, wanted, joints)
+            missed = np.linalg.norm(kernels.fingertips(hand.tables, joints) - wanted, axis=1)
             if missed[opening.active].max() > _MAX_ERROR:
                 break
             steps += 1

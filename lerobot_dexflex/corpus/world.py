@@ -12,10 +12,10 @@ import numpy as np
 
 from lerobot_dexflex.hand.grasp import HOLD, OBJECT
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
+from lerobot_dexflex.hand.model import tip_geoms
 from lerobot_dexflex.hand.objects import ObjectSpec
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 
-_JOINTS = LEAP.n_joints
 _GAIN, _DAMPING = (0.85, 1.15), (0.7, 1.5)
 _MASS, _MASS_RANGE = (0.6, 1.5), (0.02, 0.3)
 _FRICTION, _FRICTION_RANGE = (0.75, 1.25), (0.4, 1.2)
@@ -93,8 +93,8 @@ class World:
     """Of the sensors' noise."""
     gravity_rate: float = 0.0
     """How fast gravity turns [rad/s]."""
-    gains: tuple[float, ...] = (1.0,) * _JOINTS
-    """Share of the servos' position gain, per joint."""
+    gains: tuple[float, ...] | None = None
+    """Share of the servos' position gain, per joint of the hand; None leaves them as they are."""
     damping: float = 1.0
     """Share of the joints' damping."""
     joint_noise: float = 0.0
@@ -112,13 +112,13 @@ class World:
     """Carries the object instead of supports."""
 
     @classmethod
-    def sample(cls, rng: np.random.Generator, turning: float = 0.5) -> "World":
-        """Draw servos and sensors; gravity turns in a share `turning` of the episodes."""
+    def sample(cls, hand: Hand, rng: np.random.Generator, turning: float = 0.5) -> "World":
+        """Draw a hand's servos and sensors; gravity turns in a share `turning` of the episodes."""
         rate = rng.uniform(-_MAX_GRAVITY_RATE, _MAX_GRAVITY_RATE) if rng.random() < turning else 0.0
         return cls(
             seed=int(rng.integers(2**31)),
             gravity_rate=float(rate),
-            gains=tuple(rng.uniform(*_GAIN, _JOINTS).tolist()),
+            gains=tuple(rng.uniform(*_GAIN, hand.n_joints).tolist()),
             damping=float(rng.uniform(*_DAMPING)),
             joint_noise=float(rng.uniform(0, _MAX_JOINT_NOISE)),
         )
@@ -156,7 +156,7 @@ class World:
     def from_dict(cls, values: Mapping[str, Any]) -> "World":
         """Return the world that `to_dict` described."""
         events = {
-            "gains": tuple(values["gains"]),
+            "gains": tuple(values["gains"]) if values["gains"] else None,
             "sway": tuple(values["sway"]),
             "lever": tuple(values["lever"]),
             "pushes": [Push(**entry) for entry in values["pushes"]],
@@ -189,19 +189,19 @@ class WorldPhysics:
     """Apply a world to the model of an episode, freshly compiled.
 
     Args:
+        hand: The hand in the scene.
         model: Model of the scene; servos and damping are changed once, here.
         world: What to apply; supports may be added while it runs.
     """
 
-    def __init__(self, model: mujoco.MjModel, world: World) -> None:
+    def __init__(self, hand: Hand, model: mujoco.MjModel, world: World) -> None:
         self._model, self._world = model, world
-        gains = np.array(world.gains)
-        model.actuator_gainprm[:_JOINTS, 0] *= gains
-        model.actuator_biasprm[:_JOINTS, 1] *= gains
-        model.dof_damping[:_JOINTS] *= world.damping
-        self._tips = [
-            model.geom(f"{finger}_{part}").id for finger in LEAP.prefixes for part in ("tip", "nose")
-        ]
+        joints = slice(hand.n_joints)
+        if world.gains is not None:
+            model.actuator_gainprm[joints, 0] *= np.array(world.gains)
+            model.actuator_biasprm[joints, 1] *= np.array(world.gains)
+        model.dof_damping[joints] *= world.damping
+        self._tips = [model.geom(name).id for name in tip_geoms(hand)]
         self._friction = model.geom_friction[self._tips, 0].copy()
         self._object, self._weld = model.body(OBJECT).id, model.equality(HOLD).id
         if any(world.lever):

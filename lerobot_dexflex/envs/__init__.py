@@ -1,1 +1,1 @@
-"""Gymnasium tasks of the tactile LEAP hand."""
+"""Gymnasium tasks of the tactile hand."""

@@ -19,13 +19,12 @@ from lerobot_dexflex.envs.leg_and_socket import (
     add_rack,
     add_table_top,
 )
-from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera, place_robot, robot_at_table
+from lerobot_dexflex.envs.scene import add_camera, add_palm_camera, place_robot, robot_at_table
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.envs.thread import catch, has_caught, turns_in
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import about_z, rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
-from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, np.pi / 2)
 """Arm at the start [rad]: palm down."""
@@ -83,9 +82,11 @@ class AssembleTableEnv(HandEnv):
         )
 
     def _build(self, episode: LegEpisode) -> mujoco.MjSpec:
-        spec, palm = robot_at_table(episode.tip_friction)
+        spec, palm = robot_at_table(self.hand, episode.tip_friction)
         add_camera(spec, "front", position=(0.98, -0.42, 0.38), target=(0.47, 0.0, 0.11), fovy=33)
-        add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        add_palm_camera(
+            self.hand, palm, "wrist", position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70
+        )
         add_rack(spec, episode.rack, episode.lean, episode.leg_radius)
         add_table_top(spec, episode.socket)
         add_leg_thread(spec, episode.socket[:2])
@@ -93,7 +94,7 @@ class AssembleTableEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: LegEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
+        place_robot(self.hand, self.data, np.add(ARM_START, episode.arm_noise))
         x, y, yaw = episode.rack
         rack = about_z(yaw) @ rotation_matrix(np.array([0.0, episode.lean, 0.0]))
         pose = self.data.joint("leg").qpos
@@ -134,8 +135,8 @@ class AssembleTableEnv(HandEnv):
         touched = contact_names(self.model, self.data, "leg")
         position, rotation = self.leg_pose
         centre = position + rotation[:, 2] * LEG_LENGTH / 2
-        by_hand = touched_by_hand(LEAP, touched)
-        holding = pinched(LEAP, touched)
+        by_hand = touched_by_hand(self.hand, touched)
+        holding = pinched(self.hand, touched)
         upright = rotation[2, 2] > np.cos(np.radians(5))
         away = np.linalg.norm(self.data.site_xpos[self._tips] - centre, axis=1).min() > 0.08
         released = self.lit and upright and away and not by_hand
@@ -148,7 +149,7 @@ class AssembleTableEnv(HandEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": bool(touched & {"table", "floor"} or rotation[2, 2] < 0.5),
             "holding": holding,
-            "contacts": contact_flags(LEAP, touched),
+            "contacts": contact_flags(self.hand, touched),
         }
 
     def _stud_in_thread(self) -> bool:

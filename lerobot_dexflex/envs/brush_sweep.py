@@ -12,7 +12,7 @@ from lerobot_dexflex.envs.scene import (
     add_ball,
     add_block,
     add_camera,
-    add_wrist_camera,
+    add_palm_camera,
     ball_states,
     place_robot,
     robot_at_table,
@@ -20,7 +20,6 @@ from lerobot_dexflex.envs.scene import (
 from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
-from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.40, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2 + 0.40)
 """Arm at the start of an episode [rad]: the hand hovers behind the stand, palm down."""
@@ -108,9 +107,11 @@ class BrushSweepEnv(HandEnv):
         )
 
     def _build(self, episode: BrushEpisode) -> mujoco.MjSpec:
-        spec, palm = robot_at_table(episode.tip_friction)
+        spec, palm = robot_at_table(self.hand, episode.tip_friction)
         add_camera(spec, "front", position=(1.02, -0.36, 0.52), target=(0.48, -0.02, 0.05), fovy=44)
-        add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        add_palm_camera(
+            self.hand, palm, "wrist", position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70
+        )
         _add_stand(spec, episode.stand)
         _add_pan(spec, episode.pan)
         _add_brush(spec, episode)
@@ -120,7 +121,7 @@ class BrushSweepEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: BrushEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
+        place_robot(self.hand, self.data, np.add(ARM_START, episode.arm_noise))
         x, y, yaw = episode.stand
         handle = np.array([np.cos(yaw + episode.brush_yaw), np.sin(yaw + episode.brush_yaw), 0.0])
         rotation = np.stack([np.array([0.0, 0.0, 1.0]), np.cross(handle, [0.0, 0.0, 1.0]), handle], 1)
@@ -154,7 +155,7 @@ class BrushSweepEnv(HandEnv):
 
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "brush")
-        holding = pinched(LEAP, touching)
+        holding = pinched(self.hand, touching)
         local, resting = self.pieces_in_pan_frame()
         inside, enough = int(resting.sum()), SHARE * len(resting)
         self.memory["most_inside"] = max(self.memory.get("most_inside", 0), inside)
@@ -165,7 +166,7 @@ class BrushSweepEnv(HandEnv):
             "progress": self.memory["most_inside"] / len(resting),
             "dropped": bool((lying and not holding) or "floor" in touching or len(resting) - lost < enough),
             "holding": holding,
-            "contacts": contact_flags(LEAP, touching),
+            "contacts": contact_flags(self.hand, touching),
             "pieces_in_pan": inside,
         }
 

@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.model import tip_geoms
 from lerobot_dexflex.hand.touch import TouchConfig
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 
 PUSH_STEPS, PUSH_INTERVAL = 4, 40
 """Control steps that a push lasts, and from the start of one push to the next."""
@@ -37,10 +38,11 @@ class Disturbance:
         """Return the sensor with this latency."""
         return replace(config, latency_steps=config.latency_steps + self.latency)
 
-    def change(self, model: mujoco.MjModel, body: str) -> None:
+    def change(self, hand: Hand, model: mujoco.MjModel, body: str) -> None:
         """Change a freshly compiled model.
 
         Args:
+            hand: The hand in it.
             model: The scene; changed in place.
             body: Name of the object.
         """
@@ -49,12 +51,12 @@ class Disturbance:
         model.body_inertia[index] *= self.mass
         if self.mass != 1.0:
             mujoco.mj_setConst(model, mujoco.MjData(model))
-        tips = [model.geom(f"{finger}_{part}").id for finger in LEAP.prefixes for part in ("tip", "nose")]
+        tips = [model.geom(name).id for name in tip_geoms(hand)]
         model.geom_friction[tips, 0] *= self.friction
 
-    def encoder_errors(self, rng: np.random.Generator) -> np.ndarray:
-        """Return by how much each hand joint's encoder reads too much in this episode [rad]. Shape (16,)."""
-        return rng.uniform(-self.calibration, self.calibration, LEAP.n_joints)
+    def encoder_errors(self, hand: Hand, rng: np.random.Generator) -> np.ndarray:
+        """Return by how much each joint of the hand is read too far in this episode [rad]. (joints,)."""
+        return rng.uniform(-self.calibration, self.calibration, hand.n_joints)
 
     def force(self, rng: np.random.Generator, weight: float, memory: dict[str, Any]) -> np.ndarray:
         """Return the force of this control step on the object's centre of mass, world frame [N] (3,).

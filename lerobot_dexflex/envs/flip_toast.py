@@ -10,7 +10,7 @@ from lerobot_dexflex.envs.scene import (
     ContactSurface,
     add_block,
     add_camera,
-    add_wrist_camera,
+    add_palm_camera,
     place_robot,
     robot_at_table,
 )
@@ -26,7 +26,6 @@ from lerobot_dexflex.envs.spatula import (
 from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
-from lerobot_dexflex.hands import LEAP
 
 GRIDDLE_HALF_SIZE = (0.11, 0.075)
 """Half length toward the rim and half width [m]."""
@@ -96,9 +95,11 @@ class FlipToastEnv(SpatulaEnv):
         )
 
     def _build(self, episode: ToastEpisode) -> mujoco.MjSpec:
-        spec, palm = robot_at_table(episode.tip_friction)
+        spec, palm = robot_at_table(self.hand, episode.tip_friction)
         add_camera(spec, "front", position=(1.10, -0.36, 0.52), target=(0.52, 0.0, 0.05), fovy=40)
-        add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        add_palm_camera(
+            self.hand, palm, "wrist", position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70
+        )
         add_spatula_stand(spec, episode.stand)
         add_griddle(spec, episode.griddle, GRIDDLE_HALF_SIZE, sides=True)
         add_spatula(spec, episode.handle_half_width, episode.mass, episode.blade_friction)
@@ -107,7 +108,7 @@ class FlipToastEnv(SpatulaEnv):
         return spec
 
     def _initialise(self, episode: ToastEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
+        place_robot(self.hand, self.data, np.add(ARM_START, episode.arm_noise))
         lay_spatula(self.data, episode.stand, episode.spatula_yaw)
         half_width, half_height = episode.slice_half_size
         gap, sideways, yaw = episode.slice
@@ -121,7 +122,7 @@ class FlipToastEnv(SpatulaEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "spatula")
         below = contact_names(self.model, self.data, "toast")
-        holding = pinched(LEAP, touching)
+        holding = pinched(self.hand, touching)
         in_stand = any(name.startswith("stand") for name in touching)
         on_blade = self._on_blade(self.episode.slice_half_size[1])
         at_rest = np.linalg.norm(self.data.joint("toast").qvel[:3]) < 0.02
@@ -138,7 +139,7 @@ class FlipToastEnv(SpatulaEnv):
             "progress": progress,
             "dropped": self._dropped(holding, touching, below),
             "holding": holding,
-            "contacts": contact_flags(LEAP, touching),
+            "contacts": contact_flags(self.hand, touching),
         }
 
 

@@ -20,14 +20,13 @@ from lerobot_dexflex.envs.scene import (
     ContactSurface,
     add_block,
     add_camera,
-    add_wrist_camera,
+    add_palm_camera,
     place_robot,
     robot_at_table,
 )
 from lerobot_dexflex.envs.stages import has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
-from lerobot_dexflex.hands import LEAP
 
 NAIL_DEPTH, TOLERANCE = 0.030, 0.002
 """How far the nail stands out at first, and how far it may when it is in [m]."""
@@ -84,9 +83,11 @@ class HammerNailEnv(HandEnv):
         )
 
     def _build(self, episode: NailEpisode) -> mujoco.MjSpec:
-        spec, palm = robot_at_table(episode.tip_friction)
+        spec, palm = robot_at_table(self.hand, episode.tip_friction)
         add_camera(spec, "front", position=(1.08, -0.50, 0.50), target=(0.50, -0.02, 0.15), fovy=38)
-        add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        add_palm_camera(
+            self.hand, palm, "wrist", position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70
+        )
         cradle = add_cradle(spec, episode.cradle, episode.handle_radius, HEAD_HALF_SIZE[1])
         for side in (-1, 1):
             place = (HEAD_CENTRE, side * (HEAD_HALF_SIZE[0] + 0.005), 0.015)
@@ -96,7 +97,7 @@ class HammerNailEnv(HandEnv):
         return spec
 
     def _initialise(self, episode: NailEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
+        place_robot(self.hand, self.data, np.add(ARM_START, episode.arm_noise))
         yaw = episode.cradle[2] + episode.hammer_yaw
         up, handle = np.array([0.0, 0.0, 1.0]), np.array([np.cos(yaw), np.sin(yaw), 0.0])
         lay_hammer(self.data, episode.cradle[:2], np.stack([np.cross(up, handle), up, handle], 1))
@@ -118,7 +119,7 @@ class HammerNailEnv(HandEnv):
 
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "hammer")
-        holding = pinched(LEAP, touching)
+        holding = pinched(self.hand, touching)
         by_palm = any(name.startswith("palm") for name in touching)
         share = self.nail_depth / (NAIL_DEPTH - TOLERANCE)
         self.memory["share"] = max(self.memory.get("share", 0.0), min(share, 1.0))
@@ -127,7 +128,7 @@ class HammerNailEnv(HandEnv):
             "progress": self.memory["share"],
             "dropped": bool(touching & {"table", "floor"}),
             "holding": holding,
-            "contacts": contact_flags(LEAP, touching),
+            "contacts": contact_flags(self.hand, touching),
         }
 
 

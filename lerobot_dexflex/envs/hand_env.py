@@ -1,6 +1,7 @@
 """The tactile hand as a plain Gymnasium environment; tasks fill in the scene and the success test."""
 
 import copy
+import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
@@ -19,15 +20,16 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.touch import TouchConfig, TouchSensor, add_touch
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand, get_hand
 
 CAMERAS = ("front", "wrist")
-_HAND = LEAP.n_joints
 
 
 class Snapshot(NamedTuple):
     """Everything that decides the future of an episode, bit for bit."""
 
+    hand: str
+    """Name of the hand."""
     episode: Any
     physics: NDArray[np.float64]
     command: NDArray[np.float64]
@@ -37,15 +39,15 @@ class Snapshot(NamedTuple):
 
 
 class HandEnv(gymnasium.Env):
-    """Control a LEAP hand (and its arm) by absolute joint targets at 20 Hz.
+    """Control a hand (and its arm) by absolute joint targets at 20 Hz.
 
     A task implements `_sample_episode`, `_build`, `_initialise`, `_update` and names its `task`.
 
     Observation (all float32 but the images):
         pixels: one uint8 image (image_size, image_size, 3) per camera, `front` and `wrist`.
-        agent_pos: measured joint positions, 7 arm + 16 hand [rad]. Shape (23,); (16,) without an arm.
-        tactile: taxel normal forces, 4 fingers x 10 x 6, flat [N]. Shape (240,).
-        fingertips: measured fingertip points in the palm frame, flat [m]. Shape (12,).
+        agent_pos: measured joint positions, 7 of an arm if there is one, the hand's [rad]. Shape (joints,).
+        tactile: taxel normal forces, flat [N]. Shape (fingers x taxels along x taxels across,).
+        fingertips: measured fingertip points in the palm frame, flat [m]. Shape (3 fingers,).
         gravity: unit gravity direction in the palm frame. Shape (3,).
 
     Action: absolute joint targets [rad], same joints as `agent_pos`; values outside the joint limits are
@@ -58,6 +60,7 @@ class HandEnv(gymnasium.Env):
         render_size: Width and height of `render()`'s image [pixel].
         touch: Sensor effects; `TouchConfig.ideal()` switches them off.
         disturbance: What differs from the demonstrations: a name of `disturbance.DISTURBANCES`.
+        hand: The hand, or its name as `get_hand` takes it.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -66,7 +69,6 @@ class HandEnv(gymnasium.Env):
     }
     task: ClassVar[str]
     """Name in `TASKS`."""
-    joints: ClassVar[tuple[str, ...]] = robot.robot_joints(LEAP)
     manipulated: ClassVar[str]
     """Name of the body that the hand is to move."""
 
@@ -82,12 +84,14 @@ class HandEnv(gymnasium.Env):
         render_size: int = 256,
         touch: TouchConfig | None = None,
         disturbance: str = "none",
+        hand: str | Hand = "leap",
     ) -> None:
         unknown = set(cameras) - set(CAMERAS)
         if unknown:
             raise DexFlexError(f"Unknown cameras {sorted(unknown)}. Valid cameras: {list(CAMERAS)}.")
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise DexFlexError(f"`render_mode` must be 'rgb_array' or None. Got {render_mode!r}.")
+        self.hand = get_hand(hand) if isinstance(hand, str) else hand
         self.render_mode = render_mode
         self.task_description = TASKS[self.task].description
         self.seeing = True
@@ -96,21 +100,27 @@ class HandEnv(gymnasium.Env):
         self._image_size, self._render_size = image_size, render_size
         self._disturbance = find_disturbance(disturbance)
         self._touch_config = self._disturbance.touch(touch or TouchConfig())
-        limits = {link.joint: link.joint_range for link in (*robot.xarm7.LINKS, *LEAP.links)}
+        limits = {link.joint: link.joint_range for link in (*robot.xarm7.LINKS, *self.hand.links)}
         low, high = np.array([limits[name] for name in self.joints]).T
         self._low, self._high = low, high
         self.action_space = spaces.Box(low.astype(np.float32), high.astype(np.float32))
         self.observation_space = spaces.Dict(self._observation_spaces())
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, the arm's before the hand's."""
+        return TASKS[self.task].joints(self.hand)
+
     def _observation_spaces(self) -> dict[str, spaces.Space]:
+        hand = self.hand
         image = spaces.Box(0, 255, (self._image_size, self._image_size, 3), np.uint8)
         found: dict[str, spaces.Space] = {}
         if self._cameras:
             found["pixels"] = spaces.Dict(dict.fromkeys(self._cameras, image))
         return found | {
             "agent_pos": spaces.Box(-np.inf, np.inf, (len(self.joints),), np.float32),
-            "tactile": spaces.Box(0, np.inf, (240,), np.float32),
-            "fingertips": spaces.Box(-np.inf, np.inf, (12,), np.float32),
+            "tactile": spaces.Box(0, np.inf, (hand.n_fingers * math.prod(hand.taxels),), np.float32),
+            "fingertips": spaces.Box(-np.inf, np.inf, (3 * hand.n_fingers,), np.float32),
             "gravity": spaces.Box(-1.001, 1.001, (3,), np.float32),
         }
 
@@ -149,7 +159,7 @@ class HandEnv(gymnasium.Env):
         self._load(episode)
         self.memory: dict[str, Any] = {}
         if self._disturbance.calibration:
-            self.memory["encoder_errors"] = self._disturbance.encoder_errors(self.np_random)
+            self.memory["encoder_errors"] = self._disturbance.encoder_errors(self.hand, self.np_random)
         self._set_encoders()
         self._initialise(episode)
         mujoco.mj_forward(self.model, self.data)
@@ -208,6 +218,7 @@ class HandEnv(gymnasium.Env):
     def snapshot(self) -> Snapshot:
         """Return the full state of the running episode; the time limit's wrapper keeps its own counter."""
         return Snapshot(
+            self.hand.name,
             self.episode,
             self.physics_state(),
             self._command.copy(),
@@ -217,7 +228,16 @@ class HandEnv(gymnasium.Env):
         )
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Return to a snapshot of this or another environment of the same task, bit for bit."""
+        """Return to a snapshot of this or another environment of the same task and hand, bit for bit.
+
+        Raises:
+            DexFlexError: If the snapshot is of another hand.
+        """
+        if snapshot.hand != self.hand.name:
+            raise DexFlexError(
+                f"The snapshot is of the hand '{snapshot.hand}', this environment has '{self.hand.name}'. "
+                f"Restore it in one made with `hand='{snapshot.hand}'`."
+            )
         if snapshot.episode != getattr(self, "episode", None):
             self._load(snapshot.episode)
         self.memory = copy.deepcopy(snapshot.memory)
@@ -241,32 +261,33 @@ class HandEnv(gymnasium.Env):
 
     @property
     def pad_forces(self) -> NDArray[np.float64]:
-        """True contact normal force on each fingertip [N]. Shape (4,)."""
+        """True contact normal force on each fingertip [N]. Shape (fingers,)."""
         return self._touch.normal_forces(self.data)
 
     def _load(self, episode: Any) -> None:
         self.episode = episode
         spec = self._build(episode)
-        add_touch(spec, LEAP, self._touch_config)
+        add_touch(spec, self.hand, self._touch_config)
         self.model = spec.compile()
         self._object = self.model.body(self.manipulated).id
         self._weight = float(self.model.body_mass[self._object] * np.linalg.norm(self.model.opt.gravity))
-        self._disturbance.change(self.model, self.manipulated)
+        self._disturbance.change(self.hand, self.model, self.manipulated)
         self.data = mujoco.MjData(self.model)
-        self._touch = TouchSensor(self.model, LEAP, self._touch_config)
+        self._touch = TouchSensor(self.model, self.hand, self._touch_config)
         self._film = Camera(self.model, "front", self._render_size, self._render_size)
         self._views = {c: Camera(self.model, c, self._image_size, self._image_size) for c in self._cameras}
         addresses = [self.model.joint(name).qposadr[0] for name in self.joints]
         self._joint_addresses = np.array(addresses)
         self._palm = self.model.body("palm").id
-        self._tips = np.array([self.model.site(f"{f}_tip").id for f in LEAP.prefixes])
+        self._tips = np.array([self.model.site(f"{f}_tip").id for f in self.hand.prefixes])
 
     def _set_encoders(self) -> None:
         """Turn the links of the hand away from what their encoders say.
 
         Positions and commands stay what the encoders say: MuJoCo turns a link by `qpos - qpos0`.
         """
-        self.model.qpos0[self._joint_addresses[-_HAND:]] = self.memory.get("encoder_errors", 0.0)
+        hand = self._joint_addresses[-self.hand.n_joints :]
+        self.model.qpos0[hand] = self.memory.get("encoder_errors", 0.0)
 
     def observe(self) -> dict[str, Any]:
         """Return the observation of the state now; call once per control step, since touch has a memory."""
@@ -274,7 +295,7 @@ class HandEnv(gymnasium.Env):
         palm = data.xmat[self._palm].reshape(3, 3)
         joints = data.qpos[self._joint_addresses]
         if self._disturbance.calibration:  # A hand knows its fingertips from its encoders.
-            tips = fingertips(LEAP, torch.from_numpy(joints[-_HAND:])).numpy()
+            tips = fingertips(self.hand, torch.from_numpy(joints[-self.hand.n_joints :])).numpy()
         else:
             tips = (data.site_xpos[self._tips] - data.xpos[self._palm]) @ palm
         gravity = self.model.opt.gravity / np.linalg.norm(self.model.opt.gravity)

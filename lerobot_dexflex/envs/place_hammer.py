@@ -19,14 +19,13 @@ from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.scene import (
     add_block,
     add_camera,
-    add_wrist_camera,
+    add_palm_camera,
     place_robot,
     robot_at_table,
 )
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
-from lerobot_dexflex.hands import LEAP
 
 _PRONG_OFFSET, _PRONG_HALF_WIDTH = 0.036, 0.010
 
@@ -72,16 +71,18 @@ class PlaceHammerEnv(HandEnv):
         )
 
     def _build(self, episode: HammerEpisode) -> mujoco.MjSpec:
-        spec, palm = robot_at_table(episode.tip_friction)
+        spec, palm = robot_at_table(self.hand, episode.tip_friction)
         add_camera(spec, "front", position=(1.08, -0.50, 0.62), target=(0.56, 0.0, 0.19), fovy=40)
-        add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        add_palm_camera(
+            self.hand, palm, "wrist", position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70
+        )
         add_cradle(spec, episode.cradle, episode.handle_radius, HEAD_HALF_SIZE[0])
         _add_holder(spec, episode.holder)
         add_hammer(spec, episode.handle_radius, episode.mass)
         return spec
 
     def _initialise(self, episode: HammerEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
+        place_robot(self.hand, self.data, np.add(ARM_START, episode.arm_noise))
         yaw = episode.cradle[2] + episode.hammer_yaw
         handle = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         rotation = np.stack([np.array([0.0, 0.0, 1.0]), np.cross(handle, [0.0, 0.0, 1.0]), handle], 1)
@@ -100,8 +101,8 @@ class PlaceHammerEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "hammer")
         position, rotation = self.hammer_pose
-        by_hand = touched_by_hand(LEAP, touching)
-        holding = pinched(LEAP, touching)
+        by_hand = touched_by_hand(self.hand, touching)
+        holding = pinched(self.hand, touching)
         upright = rotation[2, 2] > np.cos(np.radians(6))
         on_prongs = {"prong0", "prong1"} <= touching
         at_rest = np.linalg.norm(self.data.joint("hammer").qvel[:3]) < 0.02
@@ -124,7 +125,7 @@ class PlaceHammerEnv(HandEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": bool(touching & {"table", "floor"}),
             "holding": holding,
-            "contacts": contact_flags(LEAP, touching),
+            "contacts": contact_flags(self.hand, touching),
         }
 
 

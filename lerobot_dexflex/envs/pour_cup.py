@@ -13,7 +13,7 @@ from lerobot_dexflex.envs.scene import (
     add_ball,
     add_block,
     add_camera,
-    add_wrist_camera,
+    add_palm_camera,
     ball_states,
     place_robot,
     robot_at_table,
@@ -21,7 +21,6 @@ from lerobot_dexflex.envs.scene import (
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched, touched_by_hand
-from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.278, 0.134, 0.160, 0.248, 3.662, 1.481, -1.647)
 """Arm at the start of an episode [rad]: the flange points forward, the hand is behind the handle."""
@@ -92,9 +91,11 @@ class PourCupEnv(HandEnv):
         )
 
     def _build(self, episode: PourEpisode) -> mujoco.MjSpec:
-        spec, palm = robot_at_table(episode.tip_friction)
+        spec, palm = robot_at_table(self.hand, episode.tip_friction)
         add_camera(spec, "front", position=(1.15, -0.15, 0.50), target=(0.47, -0.08, 0.15), fovy=38)
-        add_wrist_camera(palm, position=(-0.05, 0.10, 0.02), target=(-0.05, -0.02, -0.17), fovy=75)
+        add_palm_camera(
+            self.hand, palm, "wrist", position=(-0.05, 0.10, 0.02), target=(-0.05, -0.02, -0.17), fovy=75
+        )
         _add_bowl(spec, episode.bowl)
         _add_pitcher(spec, episode.mass, episode.handle_half_width)
         for k in range(episode.balls):
@@ -103,7 +104,7 @@ class PourCupEnv(HandEnv):
 
     def _initialise(self, episode: PourEpisode) -> None:
         data = self.data
-        place_robot(data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
+        place_robot(self.hand, data, np.add(ARM_START, episode.arm_noise))
         x, y, yaw = episode.pitcher
         half = (yaw + np.pi) / 2
         data.joint("pitcher").qpos = (x, y, 0.0005, np.cos(half), 0, 0, np.sin(half))
@@ -128,8 +129,8 @@ class PourCupEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "pitcher")
         position, rotation = self.pitcher_pose
-        by_hand = touched_by_hand(LEAP, touching)
-        holding = pinched(LEAP, touching)
+        by_hand = touched_by_hand(self.hand, touching)
+        holding = pinched(self.hand, touching)
         inside, lost = self._count_balls()
         enough = SHARE * self.episode.balls
         poured = inside >= enough
@@ -150,7 +151,7 @@ class PourCupEnv(HandEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": bool(fallen or "floor" in touching or self.episode.balls - lost < enough),
             "holding": holding,
-            "contacts": contact_flags(LEAP, touching),
+            "contacts": contact_flags(self.hand, touching),
             "balls_in_bowl": inside,
         }
 

@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.envs.hand_env import HandEnv, Snapshot
 from lerobot_dexflex.envs.rendering import tune_visuals
-from lerobot_dexflex.envs.scene import add_camera, add_wrist_camera
+from lerobot_dexflex.envs.scene import add_palm_camera
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, contact_flags, contact_names, fingertip_contacts
 from lerobot_dexflex.hand.grasp import OBJECT, GraspSearch, hand_scene
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
+from lerobot_dexflex.hand.grasp_frame import palm_point, palm_turn
 from lerobot_dexflex.hand.objects import ObjectSpec, add_ghost, sample_object
 from lerobot_dexflex.hand.poses import pose_error
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import PALM, Hand
 
 Array = NDArray[np.float64]
 
@@ -37,8 +38,8 @@ DROP_DISTANCE = 0.08
 DROP_STEPS = 6
 
 _CONTROL_PERIOD = robot.TIMESTEP * robot.SUBSTEPS
-_FOUR_FINGERS = 0.5
-"""How often a grasp with all four fingers is sought first; about half of these searches find one."""
+_MANY_FINGERS = 0.5
+"""How often a grasp with four fingers or more is sought first; about half of these searches find one."""
 _GHOST = "goal"
 
 
@@ -73,9 +74,9 @@ class ReachEpisode:
 class ReachEnv(HandEnv):
     """Bring the object in the hand to the goal pose that a ghost shows; see `HandEnv` for the spaces.
 
-    There is no arm: the palm frame is the world frame, 16 joint targets are the action, and the direction of
-    gravity is random instead of the palm's. An episode starts in a grasp that holds under its constant
-    command (`command`): a policy that starts from the *measured* joints opens the hand.
+    There is no arm: the palm frame is the world frame, the joint targets of the hand are the action, and the
+    direction of gravity is random instead of the palm's. An episode starts in a grasp that holds under its
+    constant command (`command`): a policy that starts from the *measured* joints opens the hand.
 
     The goal is seen in the images only. The true poses are `object_pose` and `goal_pose`; privileged.
 
@@ -87,7 +88,6 @@ class ReachEnv(HandEnv):
 
     task = "Reach-v0"
     manipulated = OBJECT
-    joints = LEAP.joint_names
 
     def __init__(self, goals: int = 1, gravity_rate: float = 0.0, **options: Any) -> None:
         if goals < 1:
@@ -134,21 +134,24 @@ class ReachEnv(HandEnv):
         while True:
             object_spec = sample_object(rng)
             gravity, axis = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
-            fingers, tries = (4, 100) if rng.random() < _FOUR_FINGERS else (3, 200)
+            fingers, tries = (4, 100) if rng.random() < _MANY_FINGERS else (3, 200)
+            fingers = min(fingers, self.hand.n_fingers)
             try:
-                grasp = GraspSearch(LEAP, object_spec, gravity).find(rng, fingers, tries)
+                grasp = GraspSearch(self.hand, object_spec, gravity).find(rng, fingers, tries)
             except DexFlexError:  # This object cannot be held so; the next one may.
                 continue
             return ReachEpisode(object_spec, tuple(gravity), tuple(axis), *map(tuple, grasp[:4]))
 
     def _build(self, episode: ReachEpisode) -> mujoco.MjSpec:
-        spec = hand_scene(LEAP, episode.object_spec)
+        spec = hand_scene(self.hand, episode.object_spec)
         spec.option.gravity = GRAVITY * np.array(episode.gravity)
         add_ghost(spec, episode.object_spec, _GHOST)
         tune_visuals(spec)
-        _light_both_sides(spec)
-        add_camera(spec, "front", position=(0.16, -0.24, -0.30), target=(-0.02, -0.02, -0.09), fovy=40)
-        add_wrist_camera(spec.body("palm"), position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        _light_both_sides(self.hand, spec)
+        front, up = {"position": (0.16, -0.24, -0.30), "target": (-0.02, -0.02, -0.09), "fovy": 40}, (0, 0, 1)
+        add_palm_camera(self.hand, spec.worldbody, "front", up=up, **front)
+        wrist = {"position": (-0.05, 0.13, 0.03), "target": (-0.05, 0.0, -0.17), "fovy": 70}
+        add_palm_camera(self.hand, spec.body(PALM), "wrist", **wrist)
         return spec
 
     def _initialise(self, episode: ReachEpisode) -> None:
@@ -166,7 +169,7 @@ class ReachEnv(HandEnv):
         memory["steady"] = memory["steady"] + 1 if inside else 0
         error = distance / TOLERANCE[0] + angle / TOLERANCE[1]
         memory["least_error"] = min(memory["least_error"], error)
-        loads = fingertip_contacts(LEAP, self.model, self.data, OBJECT).loads
+        loads = fingertip_contacts(self.hand, self.model, self.data, OBJECT).loads
         memory["loose"] = 0 if (loads > CONTACT_FORCE).sum() >= 2 else memory["loose"] + 1
         dropped = distance > DROP_DISTANCE or memory["loose"] >= DROP_STEPS
         if memory["steady"] >= STEADY_STEPS:
@@ -180,7 +183,7 @@ class ReachEnv(HandEnv):
             "is_success": bool(success),
             "progress": float(np.clip(progress, 0.0, 1.0)),
             "dropped": bool(dropped and not success),
-            "contacts": contact_flags(LEAP, contact_names(self.model, self.data, OBJECT)),
+            "contacts": contact_flags(self.hand, contact_names(self.model, self.data, OBJECT)),
             "goals_reached": memory["reached"],
         }
 
@@ -211,16 +214,20 @@ class ReachEnv(HandEnv):
         self.model.opt.gravity = GRAVITY * direction
 
 
-def _light_both_sides(spec: mujoco.MjSpec) -> None:
+def _light_both_sides(hand: Hand, spec: mujoco.MjSpec) -> None:
     """Let the key light shine on the palm's side, the fill light on the back, before bright panels."""
-    key = spec.light("key")
-    key.dir = (key.dir[0], key.dir[1], -key.dir[2])
+    turn = palm_turn(hand)
+    key, fill = spec.light("key"), spec.light("fill")
+    key.dir, fill.dir = turn @ (key.dir[0], key.dir[1], -key.dir[2]), turn @ fill.dir
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, turn.ravel())
     for name, height in (("ceiling", 0.15), ("floor", -0.6)):
         spec.worldbody.add_geom(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=(2, 2, 0.005),
-            pos=(0, 0, height),
+            pos=palm_point(hand, (0, 0, height)),
+            quat=quaternion,
             contype=0,
             conaffinity=0,
             rgba=(0.55, 0.57, 0.6, 1),

@@ -6,6 +6,8 @@ from typing import NamedTuple
 import gymnasium
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand import xarm7
+from lerobot_dexflex.hands import Hand
 
 NAMESPACE = "lerobot_dexflex"
 
@@ -19,8 +21,8 @@ class TaskInfo(NamedTuple):
     """Time limit in control steps (20 Hz)."""
     description: str
     """Language instruction given to policies."""
-    joints: int
-    """Number of joint targets in the action: 23 with the arm, 16 for the hand alone."""
+    arm: bool = True
+    """Whether an arm carries the hand; without it the palm is fixed in the world."""
     stages: tuple[str, ...] = ()
     """What progress 1/n, 2/n, ... 1 stand for, where progress comes in stages."""
 
@@ -29,73 +31,69 @@ class TaskInfo(NamedTuple):
         """Module of the environment."""
         return self.entry_point.partition(":")[0]
 
+    def joints(self, hand: Hand) -> tuple[str, ...]:
+        """Return the names of the joints whose targets are the action: the arm's, then the hand's."""
+        arm = [link.joint for link in xarm7.LINKS] if self.arm else []
+        return (*arm, *hand.joint_names)
+
 
 TASKS = {
     "AssembleTable-v0": TaskInfo(
         "lerobot_dexflex.envs.assemble_table:AssembleTableEnv",
         500,
         "Screw the leg into the table top until it lights up.",
-        23,
-        ("held", "lifted", "over the socket", "in the thread", "lit", "let go"),
+        stages=("held", "lifted", "over the socket", "in the thread", "lit", "let go"),
     ),
     "BrushSweep-v0": TaskInfo(
         "lerobot_dexflex.envs.brush_sweep:BrushSweepEnv",
         400,
         "Pick up the brush and sweep the balls into the dustpan.",
-        23,
     ),
     "FlipToast-v0": TaskInfo(
         "lerobot_dexflex.envs.flip_toast:FlipToastEnv",
         500,
         "Pick up the spatula and turn the slice of toast over on the griddle.",
-        23,
     ),
     "HammerNail-v0": TaskInfo(
         "lerobot_dexflex.envs.hammer_nail:HammerNailEnv",
         400,
         "Pick up the hammer and drive the nail in.",
-        23,
     ),
     "PlaceHammer-v0": TaskInfo(
         "lerobot_dexflex.envs.place_hammer:PlaceHammerEnv",
         300,
         "Pick up the hammer and hang it in the holder.",
-        23,
-        ("held", "lifted", "upright", "at the holder", "hung", "let go"),
+        stages=("held", "lifted", "upright", "at the holder", "hung", "let go"),
     ),
     "PourCup-v0": TaskInfo(
         "lerobot_dexflex.envs.pour_cup:PourCupEnv",
         400,
         "Pour the balls into the bowl and put the pitcher down.",
-        23,
-        ("held", "lifted", "over the bowl", "poured", "set down", "let go"),
+        stages=("held", "lifted", "over the bowl", "poured", "set down", "let go"),
     ),
     "Reach-v0": TaskInfo(
         "lerobot_dexflex.envs.reach:ReachEnv",
         200,
         "Move the object in the hand to the goal pose.",
-        16,
+        arm=False,
     ),
     "ScrewNut-v0": TaskInfo(
         "lerobot_dexflex.envs.screw_nut:ScrewNutEnv",
         500,
         "Set the nut straight on the bolt and turn it tight with the fingers.",
-        23,
-        ("held", "on the thread", "a third turned", "two thirds turned", "tight", "still held"),
+        stages=("held", "on the thread", "a third turned", "two thirds turned", "tight", "still held"),
     ),
     "Screwdriver-v0": TaskInfo(
         "lerobot_dexflex.envs.screwdriver:ScrewdriverEnv",
         500,
         "Turn the screw tight with the screwdriver.",
-        23,
-        ("held", "lifted", "in the screw", "half turned", "tight", "still held"),
+        stages=("held", "lifted", "in the screw", "half turned", "tight", "still held"),
     ),
     "SpatulaServe-v0": TaskInfo(
         "lerobot_dexflex.envs.spatula_serve:SpatulaServeEnv",
         400,
         "Pick up the spatula, lift the patty off the griddle and serve it on the plate.",
-        23,
-        ("held", "lifted", "under the patty", "patty lifted", "over the plate", "served"),
+        stages=("held", "lifted", "under the patty", "patty lifted", "over the plate", "served"),
     ),
 }
 

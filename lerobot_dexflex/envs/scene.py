@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.envs.rendering import add_lights, tune_visuals
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hand.arm import arm_for
+from lerobot_dexflex.hand.grasp_frame import palm_point, palm_turn
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.hands.body import Vector3
 
 Pose2 = tuple[float, float, float]
@@ -27,23 +29,30 @@ class ContactSurface(NamedTuple):
     """Sliding [1], torsional [m] and rolling [m]; fingertips overrule it."""
 
 
-def robot_at_table(tip_friction: float) -> tuple[mujoco.MjSpec, mujoco.MjsBody]:
+def robot_at_table(hand: Hand, tip_friction: float) -> tuple[mujoco.MjSpec, mujoco.MjsBody]:
     """Return a lit scene of floor, table and robot, and the robot's palm.
 
     Args:
+        hand: The hand on the arm.
         tip_friction: Sliding friction of the fingertips [1].
     """
     spec = robot.base_spec()
     _add_studio(spec)
     _add_table(spec)
     friction = (tip_friction, *robot.TIP_FRICTION[1:])
-    palm = robot.add_hand(spec, robot.add_arm(spec), LEAP, tip_friction=friction)
+    palm = robot.add_hand(spec, robot.add_arm(spec), hand, tip_friction=friction)
     return spec, palm
 
 
-def place_robot(data: mujoco.MjData, arm: ArrayLike, hand: ArrayLike) -> None:
-    """Put the robot of `robot_at_table`, and its servos' targets, at arm and hand joints [rad]."""
-    joints = np.concatenate([arm, hand])
+def place_robot(hand: Hand, data: mujoco.MjData, arm: ArrayLike) -> None:
+    """Put the robot of `robot_at_table`, and its servos' targets, at rest.
+
+    Args:
+        hand: The hand on the arm, which relaxes.
+        data: Changed in place.
+        arm: Joints of the arm as tasks are written, see `arm_for` [rad]. Shape (7,).
+    """
+    joints = np.concatenate([arm_for(hand, arm), hand.relaxed_joints])
     data.qpos[: len(joints)] = data.ctrl[:] = joints
 
 
@@ -142,12 +151,31 @@ def add_camera(spec: mujoco.MjSpec, name: str, position: Vector3, target: Vector
     _look_at(spec.worldbody, name, position, target, (0.0, 0.0, 1.0), fovy)
 
 
-def add_wrist_camera(palm: mujoco.MjsBody, position: Vector3, target: Vector3, fovy: float) -> None:
-    """Add the camera `wrist` to the palm, position and target in the palm frame [m]."""
-    _look_at(palm, "wrist", position, target, (0.0, 1.0, 0.0), fovy)
+def add_palm_camera(
+    hand: Hand,
+    palm: mujoco.MjsBody,
+    name: str,
+    position: Vector3,
+    target: Vector3,
+    fovy: float,
+    up: Vector3 = (0.0, 1.0, 0.0),
+) -> None:
+    """Add a camera that sees every hand alike, its pose as tasks are written, see `palm_point`.
+
+    Args:
+        hand: Whose palm.
+        palm: Body of the palm, or a body with its frame.
+        name: The camera's name.
+        position: Where it is, palm frame [m].
+        target: What it looks at, palm frame [m].
+        fovy: Field of view [deg].
+        up: Direction that is up in the image, palm frame.
+    """
+    there, goal = (palm_point(hand, point) for point in (position, target))
+    _look_at(palm, name, there, goal, palm_turn(hand) @ up, fovy)
 
 
-def _look_at(body: Any, name: str, position: Vector3, target: Vector3, up: Vector3, fovy: float) -> None:
+def _look_at(body: Any, name: str, position: Any, target: Any, up: Any, fovy: float) -> None:
     backward = np.subtract(position, target)
     right = np.cross(up, backward)
     upward = np.cross(backward, right)

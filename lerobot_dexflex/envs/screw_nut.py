@@ -8,13 +8,12 @@ import numpy as np
 
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.envs.nut_and_bolt import DOME_HEIGHT, TURNS, add_bolt, add_nut
-from lerobot_dexflex.envs.scene import Pose2, add_camera, add_wrist_camera, place_robot, robot_at_table
+from lerobot_dexflex.envs.scene import Pose2, add_camera, add_palm_camera, place_robot, robot_at_table
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.envs.thread import catch, has_caught, turns_in
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import about_z, rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
-from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.0, -0.1, 0.0, 0.95, 0.0, 1.05, np.pi / 2)
 """Arm at the start [rad]: palm down."""
@@ -77,15 +76,17 @@ class ScrewNutEnv(HandEnv):
         )
 
     def _build(self, episode: NutEpisode) -> mujoco.MjSpec:
-        spec, palm = robot_at_table(episode.tip_friction)
+        spec, palm = robot_at_table(self.hand, episode.tip_friction)
         add_camera(spec, "front", position=(0.90, 0.02, 0.24), target=(0.48, 0.01, 0.10), fovy=36)
-        add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        add_palm_camera(
+            self.hand, palm, "wrist", position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70
+        )
         add_bolt(spec, episode.bolt, episode.thread_friction)
         add_nut(spec, episode.nut_radius, episode.nut_height, episode.mass)
         return spec
 
     def _initialise(self, episode: NutEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
+        place_robot(self.hand, self.data, np.add(ARM_START, episode.arm_noise))
         tilt, toward = episode.tilt
         turn = rotation_matrix(np.array([-np.sin(toward), np.cos(toward), 0.0]) * tilt)
         pose = self.data.joint("nut").qpos
@@ -121,7 +122,7 @@ class ScrewNutEnv(HandEnv):
         if not self.caught and self._on_bolt():
             catch(self.model, self.data, self.nut_pose[1])
         touching = contact_names(self.model, self.data, "nut")
-        holding = pinched(LEAP, touching)
+        holding = pinched(self.hand, touching)
         strokes = self._strokes(holding)
         success = has_settled(self.memory, self.tight and holding and strokes >= STROKES)
         reached = furthest_progress(self.memory, (holding, self.caught))
@@ -132,7 +133,7 @@ class ScrewNutEnv(HandEnv):
             "progress": 1.0 if success else reached / 3 + self.memory["turned"] / 2,
             "dropped": bool(touching & {"table", "floor", "block"}),
             "holding": holding,
-            "contacts": contact_flags(LEAP, touching | {"bolt"} if self.caught else touching),
+            "contacts": contact_flags(self.hand, touching | {"bolt"} if self.caught else touching),
         }
 
     def _on_bolt(self) -> bool:

@@ -15,13 +15,12 @@ from lerobot_dexflex.envs.driver_and_screw import (
     add_stand,
 )
 from lerobot_dexflex.envs.hand_env import HandEnv
-from lerobot_dexflex.envs.scene import Pose2, add_camera, add_wrist_camera, place_robot, robot_at_table
+from lerobot_dexflex.envs.scene import Pose2, add_camera, add_palm_camera, place_robot, robot_at_table
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.envs.thread import turns_in
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.arm import about_z, rotation_matrix
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
-from lerobot_dexflex.hands import LEAP
 
 ARM_START = (0.0, 0.05, 0.05, 0.3, 3.2, 1.35, -1.6)
 """Arm at the start [rad]: the flange points forward."""
@@ -77,16 +76,18 @@ class ScrewdriverEnv(HandEnv):
         )
 
     def _build(self, episode: DriverEpisode) -> mujoco.MjSpec:
-        spec, palm = robot_at_table(episode.tip_friction)
+        spec, palm = robot_at_table(self.hand, episode.tip_friction)
         add_camera(spec, "front", position=(1.08, -0.30, 0.42), target=(0.50, 0.0, 0.12), fovy=33)
-        add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        add_palm_camera(
+            self.hand, palm, "wrist", position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70
+        )
         add_stand(spec, episode.stand, episode.lean)
         add_screw(spec, episode.screw)
         add_driver(spec, episode.handle_radius, episode.mass)
         return spec
 
     def _initialise(self, episode: DriverEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
+        place_robot(self.hand, self.data, np.add(ARM_START, episode.arm_noise))
         x, y, yaw = episode.stand
         stand = about_z(yaw) @ rotation_matrix(np.array([episode.lean, 0.0, 0.0]))
         pose = self.data.joint("driver").qpos
@@ -124,7 +125,7 @@ class ScrewdriverEnv(HandEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "driver")
         position, rotation = self.driver_pose
-        holding = pinched(LEAP, touching)
+        holding = pinched(self.hand, touching)
         success = has_settled(self.memory, self.tight and holding)
         lifted = position[2] > STAND_HEIGHT + 0.04
         stages = (holding, holding and lifted, self.seated and "screw" in touching)
@@ -137,5 +138,5 @@ class ScrewdriverEnv(HandEnv):
             "progress": progress,
             "dropped": bool(touching & {"table", "floor"} or rotation[2, 2] < 0.5),
             "holding": holding,
-            "contacts": contact_flags(LEAP, touching),
+            "contacts": contact_flags(self.hand, touching),
         }

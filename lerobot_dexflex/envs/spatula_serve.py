@@ -9,7 +9,7 @@ import numpy as np
 from lerobot_dexflex.envs.scene import (
     ContactSurface,
     add_camera,
-    add_wrist_camera,
+    add_palm_camera,
     place_robot,
     robot_at_table,
 )
@@ -26,7 +26,6 @@ from lerobot_dexflex.envs.spatula import (
 from lerobot_dexflex.envs.stages import furthest_progress, has_settled
 from lerobot_dexflex.hand import model as robot
 from lerobot_dexflex.hand.contacts import contact_flags, contact_names, pinched
-from lerobot_dexflex.hands import LEAP
 
 PATTY_HALF_HEIGHT = 0.006
 PLATE_RADIUS, PLATE_HEIGHT = 0.08, 0.010
@@ -96,9 +95,11 @@ class SpatulaServeEnv(SpatulaEnv):
         )
 
     def _build(self, episode: SpatulaEpisode) -> mujoco.MjSpec:
-        spec, palm = robot_at_table(episode.tip_friction)
+        spec, palm = robot_at_table(self.hand, episode.tip_friction)
         add_camera(spec, "front", position=(1.10, -0.36, 0.52), target=(0.52, -0.02, 0.05), fovy=44)
-        add_wrist_camera(palm, position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70)
+        add_palm_camera(
+            self.hand, palm, "wrist", position=(-0.05, 0.13, 0.03), target=(-0.05, 0.0, -0.17), fovy=70
+        )
         add_spatula_stand(spec, episode.stand)
         add_griddle(spec, episode.griddle, _GRIDDLE_HALF_SIZE, sides=False)
         _add_disc(spec.worldbody, "plate", PLATE_RADIUS, PLATE_HEIGHT / 2, (0.92, 0.92, 0.95, 1)).pos = (
@@ -112,7 +113,7 @@ class SpatulaServeEnv(SpatulaEnv):
         return spec
 
     def _initialise(self, episode: SpatulaEpisode) -> None:
-        place_robot(self.data, np.add(ARM_START, episode.arm_noise), LEAP.relaxed_joints)
+        place_robot(self.hand, self.data, np.add(ARM_START, episode.arm_noise))
         lay_spatula(self.data, episode.stand, episode.spatula_yaw)
         gap, sideways, yaw = episode.patty
         self._put_on_griddle(-episode.patty_radius - gap, sideways, PATTY_HALF_HEIGHT, yaw)
@@ -120,7 +121,7 @@ class SpatulaServeEnv(SpatulaEnv):
     def _update(self) -> dict[str, Any]:
         touching = contact_names(self.model, self.data, "spatula")
         below = contact_names(self.model, self.data, "patty")
-        holding = pinched(LEAP, touching)
+        holding = pinched(self.hand, touching)
         touched, on_blade = self._food_touches_spatula(), self._on_blade(PATTY_HALF_HEIGHT)
         patty, tilt = self.food_pose
         lifted = on_blade and patty[2] > GRIDDLE_HEIGHT + PATTY_HALF_HEIGHT + LIFTED
@@ -142,7 +143,7 @@ class SpatulaServeEnv(SpatulaEnv):
             "progress": furthest_progress(self.memory, stages),
             "dropped": self._dropped(holding, touching, below),
             "holding": holding,
-            "contacts": contact_flags(LEAP, touching),
+            "contacts": contact_flags(self.hand, touching),
         }
 
 

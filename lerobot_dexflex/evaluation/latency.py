@@ -64,10 +64,10 @@ def interfaces_at_defaults(networks: Networks) -> dict[str, Interface]:
     """Return the interfaces whose latency is compared, as they run by default; DexFlex with more, too."""
     default, many = SelectionSettings(), SelectionSettings(n_pure=32, n_seeded=16, n_finger=16)
     return {
-        "raw": RawInterface(),
-        "dexgen": DexGenInterface(networks.controller, networks.prior),
-        f"dexflex, {default.n_candidates} candidates": DexFlexInterface(networks.controller, default),
-        f"dexflex, {many.n_candidates} candidates": DexFlexInterface(networks.controller, many),
+        "raw": RawInterface(LEAP),
+        "dexgen": DexGenInterface(LEAP, networks.controller, networks.prior),
+        f"dexflex, {default.n_candidates} candidates": DexFlexInterface(LEAP, networks.controller, default),
+        f"dexflex, {many.n_candidates} candidates": DexFlexInterface(LEAP, networks.controller, many),
     }
 
 
@@ -111,7 +111,7 @@ def grid(
     for count in candidates:
         for nfe in evaluations:
             settings = SelectionSettings(count // 2, count - count // 2, n_finger=0, nfe=nfe)
-            made[f"{count} {nfe}"] = DexFlexInterface(networks.controller, settings)
+            made[f"{count} {nfe}"] = DexFlexInterface(LEAP, networks.controller, settings)
     measured = measure(made, steps)
     return {(count, nfe): measured[f"{count} {nfe}"] for count in candidates for nfe in evaluations}
 

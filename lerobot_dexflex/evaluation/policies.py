@@ -26,6 +26,7 @@ from lerobot_dexflex.evaluation.checkpoints import (
 )
 from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.outcome import Motion
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.provenance import Version, method_version
 
@@ -144,7 +145,7 @@ class LeRobotController:
         self._policy, self._preprocess, self._postprocess = loaded
         execution = self._policy.execution
         self._observer = ObservedInterface(execution.interface)
-        self._disturbed = DisturbedInterface(self._observer, errors) if errors else None
+        self._disturbed = DisturbedInterface(LEAP, self._observer, errors) if errors else None
         execution.interface = self._disturbed or self._observer
         self._generators: list[torch.Generator] = []
 

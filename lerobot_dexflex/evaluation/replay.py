@@ -80,7 +80,7 @@ def load_demonstrations(root: Path) -> Demonstrations:
             raise DexFlexError(f"{root} is no dataset of dexflex-record: {file} not found. Check --root.")
     record, info = json.loads(record_file.read_text()), json.loads(info_file.read_text())
     names = info["features"].get("action", {}).get("names")
-    if names != columns(robot_joints(LEAP))["action"].names or info["fps"] != FPS:
+    if names != columns(LEAP, robot_joints(LEAP))["action"].names or info["fps"] != FPS:
         raise DexFlexError(
             f"{root} holds another robot or rate: robot_type {info.get('robot_type')!r}, {info['fps']} fps. "
             f"Replay needs leap_xarm7 at {FPS} fps, with joint targets and commanded fingertips as action."
@@ -119,7 +119,7 @@ class ReplayController:
         self, actions: NDArray[np.float32], interface: str, errors: CommandErrors = NO_ERRORS
     ) -> None:
         self._actions = torch.from_numpy(np.array(actions, np.float64))
-        self._interface = DisturbedInterface(make_interface(interface), errors)
+        self._interface = DisturbedInterface(LEAP, make_interface(LEAP, interface), errors)
         self._step = 0
 
     def reset(self, seeds: Sequence[int]) -> None:

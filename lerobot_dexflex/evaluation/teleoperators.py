@@ -17,6 +17,7 @@ from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.experts import expert_module, make_expert
 from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.method import Method, make_interface
 from lerobot_dexflex.runs.provenance import Version, method_version
 
@@ -89,7 +90,7 @@ class TeleoperatorController:
         """Start one episode per seed."""
         self._seeds, self._commands, self._hands, self._last = seeds, [], [], {}
         while len(self._observers) < len(seeds):
-            interface = make_interface(self._method, self._teleoperators.controller)
+            interface = make_interface(LEAP, self._method, self._teleoperators.controller)
             self._observers.append(ObservedInterface(interface))
 
     def see(self, environments: Sequence[gymnasium.Env]) -> None:
@@ -97,7 +98,9 @@ class TeleoperatorController:
         expert, source = make_expert(self._teleoperators.task), self._teleoperators.source
         for row, (env, seed) in enumerate(zip(environments, self._seeds, strict=True)):
             self._commands.append(expert(env.unwrapped, np.random.default_rng((seed, _OWN))))
-            self._hands.append(GlovedHand(self._observers[row], self._errors, seed, source))
+            self._hands.append(
+                GlovedHand(env.unwrapped.hand, self._observers[row], self._errors, seed, source)
+            )
 
     def act(self, observation: Mapping[str, Any], task: str) -> NDArray[np.floating]:
         """Return joint targets [rad], shape (batch, 23); an expert that is done keeps its last command."""

@@ -9,7 +9,8 @@ from lerobot_dexflex.envs.leg_and_socket import LEG_LENGTH, STUD_LENGTH
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
-from lerobot_dexflex.experts.tool.screwing import HABITS, UP, Screw, Strokes, aligned, insert, turn
+from lerobot_dexflex.experts.tool.known_holds import holds_of
+from lerobot_dexflex.experts.tool.screwing import UP, Screw, Strokes, aligned, insert, turn
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.objects import ObjectSpec
@@ -26,12 +27,12 @@ def demonstrate(env: AssembleTableEnv, rng: np.random.Generator) -> Iterator[Com
     Privileged: reads the true pose of leg and socket, and whether the thread has caught. The caller executes
     `Command.executed` before it asks for the next command.
     """
-    episode = env.episode
+    episode, holds = env.episode, holds_of(env.hand)
+    habit = holds.habits[int(episode.lean > 0)]
     shape = ObjectSpec("cylinder", (episode.leg_radius, LEG_LENGTH / 2), episode.mass)
     at = np.array([0.0, 0.0, GRASP_AT])
     senses = ToolSenses(env, Tool("leg", shape, np.array([0.0, 0.0, LEG_LENGTH / 2]), episode.tip_friction))
-    hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
-    habit = HABITS[int(episode.lean > 0)]
+    hand = OperatorHand(senses, env.command, rng, rng.uniform(*MARGIN), holds.frame)
     script = Script(env, hand, rng, habit.centre)
     position, rotation = env.leg_pose
     grasp_point = position + rotation @ at

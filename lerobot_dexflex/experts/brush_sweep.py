@@ -18,20 +18,22 @@ from lerobot_dexflex.envs.brush_sweep import (
     BrushSweepEnv,
 )
 from lerobot_dexflex.experts.command import Command, min_jerk
-from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, HELD, grip_bar, pick_up
+from lerobot_dexflex.experts.tool.bar import HELD, pick_up
+from lerobot_dexflex.experts.tool.grip import all_fingers, without
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.objects import ObjectSpec
 
 GRASP_AT = 0.010
 """Where along the handle the hand grips, from its centre toward the head [m]."""
-FOUR_FINGERS = 0.6
-"""How often the middle finger takes part."""
+ALL_FINGERS = 0.6
+"""How often all fingers take part; else the second does not."""
 PRESS = 0.002
 """How deep the bristles are led into table and pan [m]."""
 SCRAPE = np.array([-0.9, 0.0, 1.0])
-"""Force of table and pan on the bristles that the hand braces for, palm frame while sweeping [N]."""
+"""Force of table and pan on the bristles that the hand braces for, working frame [N]."""
 STROKES = 4
 """After so many the operator gives up."""
 SWEEP_TO = -0.045
@@ -50,17 +52,18 @@ def demonstrate(env: BrushSweepEnv, rng: np.random.Generator) -> Iterator[Comman
     Privileged: reads the true pose of the brush and of every piece. The caller executes `Command.executed`
     before it asks for the next command.
     """
-    episode = env.episode
+    episode, holds = env.episode, holds_of(env.hand)
+    hold = holds.bar
     half_size = (HANDLE_HALF_DEPTH, episode.handle_half_width, HANDLE_HALF_LENGTH)
     shape = ObjectSpec("box", half_size, episode.mass)
     senses = ToolSenses(env, Tool("brush", shape, np.zeros(3), episode.tip_friction))
-    hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
-    script = Script(env, hand, rng, GRASP_CENTRE)
+    hand = OperatorHand(senses, env.command, rng, rng.uniform(*MARGIN), holds.frame)
+    script = Script(env, hand, rng, hold.centre)
     position, rotation = env.brush_pose
     grasp_point = position + rotation @ np.array([0.0, 0.0, GRASP_AT])
-    held = Pose(GRASP_CENTRE - GRASP_AT * HELD[:, 2], HELD)
-    fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 2, 3)
-    grip = grip_bar(PALM_DOWN.T @ rotation[:, 2], episode.handle_half_width, fingers)
+    held = Pose(hold.centre - GRASP_AT * HELD[:, 2], HELD)
+    fingers = all_fingers(env.hand) if rng.random() < ALL_FINGERS else without(env.hand, 1)
+    grip = hold.grip(PALM_DOWN.T @ rotation[:, 2], episode.handle_half_width, fingers)
 
     yield from pick_up(script, grip, grasp_point, held, ARM_START)
     yield from script.glide(script.position + np.array([0, 0, 0.05]), PALM_DOWN, 10)

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
 
@@ -17,11 +17,11 @@ class Command(NamedTuple):
     """One control step of an expert."""
 
     joint_targets: Array
-    """What a student should do: absolute joint targets [rad]. Shape (23,)."""
+    """What a student should do: absolute joint targets, arm then hand [rad]. Shape (arm + hand,)."""
     executed: Array
-    """What the expert did: `joint_targets` plus its natural unsteadiness [rad]. Shape (23,)."""
+    """What the expert did: `joint_targets` plus its natural unsteadiness [rad]. Shape (arm + hand,)."""
     draft: Array
-    """Where the fingertips should get to in 1, 2, ... 8 control steps, palm frame [m]. Shape (8, 4, 3).
+    """Where the fingertips should get to in 1, 2, ... 8 control steps, palm frame [m]. Shape (8, fingers, 3).
 
     Motion only: where a finger presses, `joint_targets` lead it deeper.
     """
@@ -37,9 +37,9 @@ class Expert(Protocol):
         ...
 
 
-def fingertips_of(hand_joints: ArrayLike) -> Array:
-    """Return the fingertips [m] (4, 3), palm frame, of hand joints [rad] (16,)."""
-    return fingertips(LEAP, torch.as_tensor(np.asarray(hand_joints, float)).view(1, 16))[0].numpy()
+def fingertips_of(hand: Hand, joints: ArrayLike) -> Array:
+    """Return the fingertips [m] (fingers, 3), palm frame, of hand joints [rad] (joints,)."""
+    return fingertips(hand, torch.as_tensor(np.asarray(joints, float))[None])[0].numpy()
 
 
 class Unsteadiness:
@@ -49,7 +49,7 @@ class Unsteadiness:
 
     Args:
         rng: Source of randomness.
-        scale: Standard deviation of each joint [rad]. Shape (23,).
+        scale: Standard deviation of each joint [rad]. Shape (joints,).
         correlation: Correlation of consecutive control steps.
     """
 
@@ -58,7 +58,7 @@ class Unsteadiness:
         self._value = np.zeros_like(scale)
 
     def step(self) -> Array:
-        """Return the next offset [rad] (23,)."""
+        """Return the next offset [rad] (joints,)."""
         fresh = self._rng.normal(size=len(self._scale)) * np.sqrt(1 - self._correlation**2)
         self._value = self._correlation * self._value + fresh
         return self._scale * self._value

@@ -10,11 +10,11 @@ from lerobot_dexflex.experts.command import Command, min_jerk
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.experts.tool.spatula import (
     CARRY_RAISED,
-    STRAIGHT,
     carry,
     scoop,
     spatula_at,
     spatula_script,
+    straight,
     take_spatula,
     tipped,
 )
@@ -31,10 +31,8 @@ TIP_RAISED = -0.75
 """Pitch of the spatula then [rad]."""
 TIP_SPEED, PUSH_SPEED = 0.06, 0.006
 """How fast it is tipped [rad], and pushes the slice once that slides [m], per control step."""
-WOUND_UP = tipped(STRAIGHT, 0.1)
-"""How the spatula is held before it is tipped, palm frame: the arm keeps the blade level meanwhile."""
-TIPPED = tipped(STRAIGHT, -0.3)
-"""How it is held then: what of the pitch the fingers turn."""
+WOUND_UP, TIPPED = 0.1, -0.3
+"""What of the pitch the fingers turn before it is tipped, the arm keeping the blade level, and then [rad]."""
 PUSH = 0.085
 """How far the edge pushes the slice [m]."""
 
@@ -73,7 +71,7 @@ def _turn_over(env: FlipToastEnv, script: Script) -> Iterator[Command]:
     def held_now() -> Pose:
         # Of how the spatula moves in the hand, the arm makes up for pitch alone: following yaw, it sways.
         now = script.in_palm(*env.spatula_pose)
-        return tipped(before, float(np.arcsin(now.rotation[2, 2]) - np.arcsin(before.rotation[2, 2])))
+        return tipped(script, before, float(np.arcsin(now.rotation[2, 2]) - np.arcsin(before.rotation[2, 2])))
 
     def step_to(ahead: float, height: float, raised: float) -> Command:
         if env.food_on_spatula()[2] < BLADE_END - 0.01:
@@ -84,12 +82,12 @@ def _turn_over(env: FlipToastEnv, script: Script) -> Iterator[Command]:
 
     position, rotation = env.spatula_pose
     start = turn.T @ (position + rotation @ EDGE - origin)
-    script.hand.lead(*WOUND_UP)
+    script.hand.lead(*tipped(script, straight(script), WOUND_UP))
     for step in range(1, DRAW_BACK + 1):
         phase = min_jerk(step / DRAW_BACK)
         ahead, height = (1 - phase) * (start[0] - x), start[2] + phase * (TIP_HEIGHT - start[2])
         yield step_to(ahead, height, CARRY_RAISED)
-    script.hand.lead(*TIPPED)
+    script.hand.lead(*tipped(script, straight(script), TIPPED))
     raised, ahead = CARRY_RAISED, 0.0
     for _ in range(50):
         raised = max(raised - TIP_SPEED, TIP_RAISED)
@@ -101,5 +99,5 @@ def _turn_over(env: FlipToastEnv, script: Script) -> Iterator[Command]:
     held = script.in_palm(*env.spatula_pose)
     yield from script.hold(6)
     yield from script.glide(*script.palm_for(held, *blade_at(0.0, TIP_HEIGHT + 0.04, TIP_RAISED)), 14)
-    script.hand.lead(*STRAIGHT)
+    script.hand.lead(*straight(script))
     yield from script.glide(*script.palm_for(held, *blade_at(-0.02, 0.09, 0.0)), 14)

@@ -8,15 +8,17 @@ from lerobot_dexflex.envs.hammer import ARM_START, HANDLE_HALF_LENGTH, HEAD_CENT
 from lerobot_dexflex.envs.hammer_nail import NAIL_DEPTH, TOLERANCE, HammerNailEnv
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.experts.place_hammer import GRASP_AT
-from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, grip_bar, pick_up
+from lerobot_dexflex.experts.tool.bar import pick_up
+from lerobot_dexflex.experts.tool.grip import all_fingers, without
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.objects import ObjectSpec
 
 HELD = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-"""Orientation of the hammer in the palm once it is straight: its handle along palm y, its face down."""
+"""Orientation of the hammer in the hand once it is straight: its handle along y, its face down."""
 FACE = np.array([0.0, -HEAD_HALF_SIZE[1], HEAD_CENTRE])
 """Centre of the face that strikes, in the hammer's frame [m]."""
 RAISED = (0.10, 0.45)
@@ -28,8 +30,8 @@ RETURN = 0.25
 through and twist the hammer; further, and the jerk would make it slip."""
 STRIKE_PRELOAD = (2.0, 0.5)
 """Squeeze per finger that is wished for while striking [N], and more of it per unit of the margin."""
-FOUR_FINGERS = 0.6
-"""How often the middle finger takes part."""
+ALL_FINGERS = 0.6
+"""How often all fingers take part; else the second does not."""
 BLOWS = 12
 """After so many the operator gives up."""
 
@@ -40,17 +42,18 @@ def demonstrate(env: HammerNailEnv, rng: np.random.Generator) -> Iterator[Comman
     Privileged: reads the true pose of the hammer and the depth of the nail. The caller executes
     `Command.executed` before it asks for the next command.
     """
-    episode = env.episode
+    episode, holds = env.episode, holds_of(env.hand)
+    hold = holds.bar
     shape = ObjectSpec("cylinder", (episode.handle_radius, HANDLE_HALF_LENGTH), episode.mass)
     senses = ToolSenses(env, Tool("hammer", shape, np.zeros(3), episode.tip_friction))
     margin = rng.uniform(*MARGIN)
-    hand = OperatorHand(senses, env.command[7:], rng, margin)
-    script = Script(env, hand, rng, GRASP_CENTRE)
+    hand = OperatorHand(senses, env.command, rng, margin, holds.frame)
+    script = Script(env, hand, rng, hold.centre)
     position, rotation = env.hammer_pose
     grasp_point = position + rotation @ np.array([0.0, 0.0, GRASP_AT])
-    held = Pose(GRASP_CENTRE - GRASP_AT * HELD[:, 2], HELD)
-    fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 2, 3)
-    grip = grip_bar(PALM_DOWN.T @ rotation[:, 2], episode.handle_radius, fingers)
+    held = Pose(hold.centre - GRASP_AT * HELD[:, 2], HELD)
+    fingers = all_fingers(env.hand) if rng.random() < ALL_FINGERS else without(env.hand, 1)
+    grip = hold.grip(PALM_DOWN.T @ rotation[:, 2], episode.handle_radius, fingers)
 
     yield from pick_up(script, grip, grasp_point, held, ARM_START)
     yield from script.glide(script.position + np.array([0, 0, 0.06]), PALM_DOWN, 10)

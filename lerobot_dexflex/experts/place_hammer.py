@@ -7,8 +7,10 @@ import numpy as np
 from lerobot_dexflex.envs.hammer import ARM_START, HANDLE_HALF_LENGTH
 from lerobot_dexflex.envs.place_hammer import PlaceHammerEnv
 from lerobot_dexflex.experts.command import Array, Command
-from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, HELD, grip_bar, pick_up
+from lerobot_dexflex.experts.tool.bar import HELD, pick_up
+from lerobot_dexflex.experts.tool.grip import all_fingers, without
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.objects import ObjectSpec
@@ -16,11 +18,11 @@ from lerobot_dexflex.hand.objects import ObjectSpec
 ARM_FORWARD = (0.0, 0.40, 0.0, 0.75, 0.0, -1.2, np.pi / 2)
 """Planar seed with the flange pointing forward [rad]."""
 HAMMER_UPRIGHT = np.array([[-1.0, 0, 0], [0, -1.0, 0], [0, 0, 1.0]])
-"""Orientation of the hanging hammer: head up, palm facing the holder."""
+"""Orientation of the hanging hammer: head up, the hand reaching for the holder."""
 GRASP_AT = 0.006
 """Where along the handle the hand grips, from its centre toward the head [m]."""
-FOUR_FINGERS = 0.6
-"""How often the ring finger takes part."""
+ALL_FINGERS = 0.6
+"""How often all fingers take part; else the last that does not oppose is out."""
 
 
 def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Command]:
@@ -29,17 +31,18 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
     Privileged: reads the true pose of hammer and holder. The caller executes `Command.executed` before it
     asks for the next command.
     """
-    episode = env.episode
+    episode, holds = env.episode, holds_of(env.hand)
+    hold = holds.bar
     shape = ObjectSpec("cylinder", (episode.handle_radius, HANDLE_HALF_LENGTH), episode.mass)
     senses = ToolSenses(env, Tool("hammer", shape, np.zeros(3), episode.tip_friction))
-    hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
-    script = Script(env, hand, rng, GRASP_CENTRE)
+    hand = OperatorHand(senses, env.command, rng, rng.uniform(*MARGIN), holds.frame)
+    script = Script(env, hand, rng, hold.centre)
     position, rotation = env.hammer_pose
     grasp_point = position + rotation @ np.array([0.0, 0.0, GRASP_AT])
-    held = Pose(GRASP_CENTRE - GRASP_AT * HELD[:, 2], HELD)
+    held = Pose(hold.centre - GRASP_AT * HELD[:, 2], HELD)
     askew = PALM_DOWN.T @ rotation[:, 2]
-    fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 1, 3)
-    grip = grip_bar(askew, episode.handle_radius, fingers)
+    fingers = all_fingers(env.hand) if rng.random() < ALL_FINGERS else without(env.hand, -1)
+    grip = hold.grip(askew, episode.handle_radius, fingers)
 
     yield from pick_up(script, grip, grasp_point, held, ARM_START)
     yield from script.glide(script.position + np.array([0, 0, 0.08]), PALM_DOWN, 14)
@@ -58,7 +61,7 @@ def demonstrate(env: PlaceHammerEnv, rng: np.random.Generator) -> Iterator[Comma
     yield from script.glide(*palm_for(goal + np.array([-0.11, 0, 0.012])), 6)
     yield from script.glide(*palm_for(goal + np.array([-0.002, 0, 0.010])), 22)
     yield from script.glide(*palm_for(goal + np.array([-0.002, 0, -0.001])), 11)
-    straight = grip_bar(np.array([0.0, 1.0, 0.0]), episode.handle_radius, fingers)
+    straight = hold.grip(np.array([0.0, 1.0, 0.0]), episode.handle_radius, fingers)
     yield from script.let_go(straight, 9)
     hand.relax(25, after=5)
     yield from script.glide(script.position + 0.13 * script.rotation[:, 2], script.rotation, 17)

@@ -14,41 +14,16 @@ from lerobot_dexflex.envs.pour_cup import (
     PourCupEnv,
 )
 from lerobot_dexflex.experts.command import Array, Command
-from lerobot_dexflex.experts.tool.bar import HAND_IDLE
-from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
+from lerobot_dexflex.experts.tool.grip import all_fingers, without
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.objects import ObjectSpec
 
-GRASP_CENTRE = np.array([-0.0495, -0.0335, -0.1372])
-"""Point inside the bar between the pads, palm frame [m]; the bar runs along palm y."""
-GRASP_TURN = 0.081
-"""Turn of the palm about the bar at which the pads lie flat [rad]."""
-PALM_IN_PITCHER = np.array(
-    [
-        [np.sin(GRASP_TURN), 0.0, np.cos(GRASP_TURN)],
-        [np.cos(GRASP_TURN), 0.0, -np.sin(GRASP_TURN)],
-        [0.0, 1.0, 0.0],
-    ]
-)
-"""Orientation of the palm in the pitcher's frame: palm y up, the flange pointing at the pitcher."""
-HAND_TOUCH = np.array(
-    (
-        *(1.658, -0.040, 0.283, -0.286),
-        *(1.656, -0.045, 0.285, -0.286),
-        *(1.657, -0.049, 0.284, -0.286),
-        *(1.929, -0.027, 0.326, -0.399),
-    )
-)
-"""All four pads flat on a bar of 20 mm width [rad]: where the search for a grip begins."""
-ALONG = np.array([0.045, 0.0, -0.045, -0.010])
-"""Where the pads are along the bar, from the middle finger toward the index [m]."""
-ROOM = 0.024
-"""How far from the bar the open pads are [m]."""
-FOUR_FINGERS = 0.6
-"""How often the middle finger takes part."""
+ALL_FINGERS = 0.6
+"""How often all fingers take part; else the second does not."""
 LEAN = (-0.2, -0.4)
 """How far the palm leans against the bar when it grips [rad], and more of it per turn of the pitcher."""
 TIPPED = 0.35
@@ -76,21 +51,22 @@ def demonstrate(env: PourCupEnv, rng: np.random.Generator) -> Iterator[Command]:
     Privileged: reads the true poses of pitcher and bowl. The caller executes `Command.executed` before it
     asks for the next command.
     """
-    episode = env.episode
+    episode, holds = env.episode, holds_of(env.hand)
+    hold, in_pitcher = holds.pitcher, palm_in_pitcher(holds.pitcher.turn)
     half_size = (HANDLE_HALF_DEPTH, episode.handle_half_width, HANDLE_HALF_HEIGHT)
     shape, centre = ObjectSpec("box", half_size, episode.mass), np.array(HANDLE_CENTRE)
     senses = ToolSenses(env, Tool("pitcher", shape, centre, episode.tip_friction))
     senses.mass += episode.balls * episode.ball_mass
-    hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
-    script = Script(env, hand, rng, GRASP_CENTRE)
-    fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 2, 3)
+    hand = OperatorHand(senses, env.command, rng, rng.uniform(*MARGIN), holds.frame)
+    script = Script(env, hand, rng, hold.centre)
+    fingers = all_fingers(env.hand) if rng.random() < ALL_FINGERS else without(env.hand, 1)
     lean = rotation_matrix(np.array([LEAN[0] + LEAN[1] * episode.pitcher[2], 0.0, 0.0]))
-    grip = _grip(lean.T[:, 1], episode.handle_half_width, fingers)
+    grip = hold.grip(lean.T[:, 1], episode.handle_half_width, fingers)
     position, rotation = env.pitcher_pose
-    grasp_point, grasp_rotation = position + rotation @ centre, rotation @ PALM_IN_PITCHER @ lean
-    upright = Pose(GRASP_CENTRE - PALM_IN_PITCHER.T @ centre, PALM_IN_PITCHER.T)
+    grasp_point, grasp_rotation = position + rotation @ centre, rotation @ in_pitcher @ lean
+    upright = Pose(hold.centre - in_pitcher.T @ centre, in_pitcher.T)
     tip = rotation_matrix(np.array([-TIPPED, 0.0, 0.0]))
-    tipped = Pose(GRASP_CENTRE + tip @ (upright.position - GRASP_CENTRE), tip @ upright.rotation)
+    tipped = Pose(hold.centre + tip @ (upright.position - hold.centre), tip @ upright.rotation)
 
     hand.go(grip.open, 20)
     behind = grasp_point + 0.085 * grasp_rotation[:, 2]
@@ -126,17 +102,26 @@ def demonstrate(env: PourCupEnv, rng: np.random.Generator) -> Iterator[Command]:
     script.care = 0.2
     held = script.in_palm(*env.pitcher_pose)
     yield from script.glide(*script.palm_for(held, *above._replace(position=PLACE)), 14)
-    straight = _grip(np.array([0.0, 1.0, 0.0]), episode.handle_half_width, fingers)
+    straight = hold.grip(np.array([0.0, 1.0, 0.0]), episode.handle_half_width, fingers)
     yield from script.let_go(straight, 8)
     hand.relax(25, after=5)
     yield from script.glide(script.position + 0.13 * script.rotation[:, 2], script.rotation, 15)
     yield from script.hold(15)
 
 
-def _grip(axis: Array, half_width: float, fingers: tuple[int, ...]) -> Grip:
-    """Return the grip of a bar whose axis in the palm frame is (3,), its half width [m]."""
-    handle = Handle(GRASP_CENTRE, axis, half_width)
-    return grip_handle(handle, ALONG, -PALM_IN_PITCHER[1], fingers, HAND_TOUCH, HAND_IDLE, ROOM)
+def palm_in_pitcher(turn: float) -> Array:
+    """Return the orientation of the working frame in the pitcher's: y up, reaching for the pitcher.
+
+    Args:
+        turn: Of the push about the handle [rad]; see `BarHold`.
+    """
+    return np.array(
+        [
+            [np.sin(turn), 0.0, np.cos(turn)],
+            [np.cos(turn), 0.0, -np.sin(turn)],
+            [0.0, 1.0, 0.0],
+        ]
+    )
 
 
 def upright_at(bowl: Array, offset: tuple[float, float]) -> Pose:

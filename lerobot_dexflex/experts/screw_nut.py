@@ -9,8 +9,9 @@ from lerobot_dexflex.envs.screw_nut import ARM_START, ScrewNutEnv
 from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.holds import BAR_RADIUS
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.screwing import (
-    HABITS,
     UP,
     Screw,
     Strokes,
@@ -25,8 +26,6 @@ from lerobot_dexflex.hand.objects import ObjectSpec
 
 STROKES = Strokes(angle=0.7, most=14, room=0.02, room_back=0.012, squeeze=5.0, ahead=0.3)
 """As long as the fingers reach; the thread holds while they go back."""
-BAR_RADIUS = 0.012
-"""Radius of the bar that `HABITS` hold [m]."""
 TRIES = 3
 """How often the operator tries to set the nut straight on the bolt."""
 SLID = 0.01
@@ -41,12 +40,12 @@ def demonstrate(env: ScrewNutEnv, rng: np.random.Generator) -> Iterator[Command]
     Privileged: reads the true pose of nut and bolt, and whether the thread has caught. The caller executes
     `Command.executed` before it asks for the next command.
     """
-    episode = env.episode
+    episode, holds = env.episode, holds_of(env.hand)
     shape = ObjectSpec("cylinder", (episode.nut_radius, episode.nut_height / 2), episode.mass)
     at = RIM + episode.nut_height / 2
     senses = ToolSenses(env, Tool("nut", shape, np.array([0.0, 0.0, at]), episode.tip_friction))
-    hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
-    habit = HABITS[int(rng.integers(2))]
+    hand = OperatorHand(senses, env.command, rng, rng.uniform(*MARGIN), holds.frame)
+    habit = holds.habits[int(rng.integers(2))]
     centre = habit.centre + np.array([episode.nut_radius - BAR_RADIUS, 0.0, 0.0])  # The thumb keeps its room.
     script = Script(env, hand, rng, centre)
     position, rotation = env.nut_pose
@@ -88,7 +87,7 @@ def _set_on_bolt(env: ScrewNutEnv, script: Script, centre: Array, at: float) -> 
     Args:
         env: The environment.
         script: Moves the hand.
-        centre: Where the nut is held, palm frame [m]. Shape (3,).
+        centre: Where the nut is held, working frame [m]. Shape (3,).
         at: Where along its axis it is held [m].
     """
     hand = script.hand

@@ -1,6 +1,7 @@
 """Demonstrate Screwdriver: grip it in its leaning stand, right it in the hand, seat it, turn by strokes."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -8,48 +9,28 @@ from lerobot_dexflex.envs.driver_and_screw import BIT_LENGTH, HANDLE_LENGTH
 from lerobot_dexflex.envs.screwdriver import ScrewdriverEnv
 from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE
-from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
+from lerobot_dexflex.experts.tool.grip import Handle, all_fingers, without
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.screwing import UP, Screw, Strokes, aligned, grasp_again, insert, turn
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.arm import rotation_matrix
 from lerobot_dexflex.hand.objects import ObjectSpec
 
-GRASP_CENTRE = np.array([-0.0405, -0.0353, -0.1301])
-"""Point on the handle's axis between the pads, palm frame [m]; the handle runs along palm y in the end."""
-HAND_TOUCH = np.array(
-    (
-        *(1.519, 0.004, 0.368, -0.316),
-        *(1.518, -0.024, 0.367, -0.315),
-        *(1.524, -0.053, 0.354, -0.307),
-        *(1.755, 0.002, 0.386, -0.385),
-    )
-)
-"""All four pads on a handle of 12 mm radius [rad]: where the search for a grip begins."""
-HAND_IDLE = np.array((0.3, 0.0, 0.3, 0.3) * 3 + (1.6, 0.2, 0.8, -0.2))
-"""Fingers that take no part are stretched out [rad]."""
-ALONG = np.array([0.043, 0.0, -0.043, 0.018])
-"""Where the pads are along the handle, from the middle finger toward the index [m]."""
 AXIS = np.array([0.0, 1.0, 0.0])
-"""Along which the handle stands in the level palm."""
+"""Along which the handle stands in the working frame."""
 PALM_FORWARD = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""Orientation of the level palm: fingers away from the robot, the index on top."""
+"""Orientation of the working frame: reaching away from the robot, the first finger on top."""
 ARM_FORWARD = (0.0, 0.56, 0.05, 0.63, 3.2, 1.5, -1.6)
 """Seed with the flange pointing forward [rad]."""
 TRIES = 3
 """How often the operator grasps again and turns on where the driver or the screw did not stay."""
 GRASP_AT = 0.068
 """Where along the handle the middle finger grips, above its lower end [m]."""
-TURNING = (0, 1, 3)
-"""The fingers that turn the driver; the ring finger would slip past the handle's end."""
-FOUR_FINGERS = 0.4
-"""How often the ring finger helps until the fingers grasp again."""
-ROOM = 0.024
-"""How far from the handle the open pads are [m]."""
-PADS_TURNED, PADS_TURN = np.array([-0.175, -0.175, -0.175, 0.375]), -0.45
-"""How the pads are turned about the handle in the middle of a stroke [rad], and that they turn the other way,
-by this share, when they roll it: fingers bend."""
+ALL_FINGERS = 0.4
+"""How often all fingers help until they grasp again; else, and then, the last that does not oppose is out: it
+would slip past the handle's end."""
 STROKES = Strokes(angle=1.4, most=12, room=0.012, room_back=0.012, squeeze=3.0, ahead=0.4, press=0.007)
 """Long strokes; the bit slips in the screw while it is not pressed, so that the pads may stay near."""
 
@@ -60,25 +41,28 @@ def demonstrate(env: ScrewdriverEnv, rng: np.random.Generator) -> Iterator[Comma
     Privileged: reads the true pose of driver and screw. The caller executes `Command.executed` before it asks
     for the next command.
     """
-    episode = env.episode
+    episode, holds = env.episode, holds_of(env.hand)
+    hold = holds.driver.bar
+    strokes = STROKES._replace(angle=holds.driver.stroke)
     shape = ObjectSpec("cylinder", (episode.handle_radius, HANDLE_LENGTH / 2), episode.mass)
     middle, at = np.array([0.0, 0.0, HANDLE_LENGTH / 2]), np.array([0.0, 0.0, GRASP_AT])
     senses = ToolSenses(env, Tool("driver", shape, middle, episode.tip_friction))
-    hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
-    script = Script(env, hand, rng, GRASP_CENTRE)
+    hand = OperatorHand(senses, env.command, rng, rng.uniform(*MARGIN), holds.frame)
+    script = Script(env, hand, rng, hold.centre)
     position, rotation = env.driver_pose
     grasp_point, palm = position + rotation @ at, _toward(position)
-    handle = Handle(GRASP_CENTRE, palm.T @ rotation[:, 2], episode.handle_radius)
-    grip = _grip(handle, fingers=(0, 1, 2, 3) if rng.random() < FOUR_FINGERS else TURNING)
+    handle = Handle(hold.centre, palm.T @ rotation[:, 2], episode.handle_radius)
+    fingers = all_fingers(env.hand) if rng.random() < ALL_FINGERS else without(env.hand, -1)
+    grip = holds.driver.grip(fingers, handle)
 
     script.care = 0.5
     hand.go(grip.open, 22)
-    yield from script.swing(grasp_point + 0.09 * palm[:, 2], palm, 26, ARM_FORWARD)
+    yield from script.swing(grasp_point + hold.approach * palm[:, 2], palm, 26, ARM_FORWARD)
     script.care = 0.2
     yield from script.take(grip, grasp_point, palm, 15)
     yield from script.glide(script.position + 0.06 * rotation[:, 2], palm, 12)
     straight = aligned(script.in_palm(*env.driver_pose).rotation, AXIS)
-    held = Pose(GRASP_CENTRE - straight @ at, straight)
+    held = Pose(hold.centre - straight @ at, straight)
     hand.lead(*held)
     yield from script.glide(script.position + np.array([0, 0, 0.03]), palm, 8)
 
@@ -102,20 +86,13 @@ def demonstrate(env: ScrewdriverEnv, rng: np.random.Generator) -> Iterator[Comma
             lambda: env.goal_position,
         )
         hand.squeeze(STROKES.squeeze, FRICTION_SHARE)
+        turning = partial(holds.driver.grip, without(env.hand, -1))
         for _ in range(TRIES):
-            yield from turn(script, screw, _grip, STROKES)
+            yield from turn(script, screw, turning, strokes)
             hand.keep()
             yield from script.hold(10)
-            yield from grasp_again(script, screw, _grip, STROKES, 0.0)
+            yield from grasp_again(script, screw, turning, strokes, 0.0)
             yield from script.hold(12)
-
-
-def _grip(handle: Handle, back: float = 0.0, room: float = ROOM, fingers: tuple[int, ...] = TURNING) -> Grip:
-    """Return the grip of a handle whose fingers have rolled it back by an angle [rad] from their middle."""
-    around = -PADS_TURNED + PADS_TURN * back
-    beside = np.array([0.0, 0.0, 0.0, 0.002]) - handle.radius * (1 - PADS_TURN) * back
-    push = np.array([-1.0, 0.0, 0.0])
-    return grip_handle(handle, ALONG, push, fingers, HAND_TOUCH, HAND_IDLE, room, around, beside)
 
 
 def _toward(position: Array) -> Array:

@@ -9,20 +9,20 @@ from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.experts.tool.spatula import (
     CARRY_RAISED,
-    STRAIGHT,
     arm_at,
     carry,
     scoop,
     spatula_at,
     spatula_script,
+    straight,
     take_spatula,
     tipped,
 )
 
 TIP_RAISED = -0.5
 """Pitch of the spatula while the patty slides off [rad]."""
-TIPPED = tipped(STRAIGHT, -0.25)
-"""How the spatula is held then, palm frame: what of that the fingers turn."""
+TIPPED = -0.25
+"""What of that the fingers turn [rad]."""
 DROP_AHEAD = 0.01
 """Where the edge tips, from the plate's centre away from the robot [m]."""
 
@@ -55,7 +55,7 @@ def _serve(env: SpatulaServeEnv, script: Script) -> Iterator[Command]:
     held = script.in_palm(*env.spatula_pose)
     yield from script.glide(*script.palm_for(held, *blade_at(DROP_AHEAD, 0.015, CARRY_RAISED)), 14)
     script.care = 0.08
-    script.hand.lead(*TIPPED)
+    script.hand.lead(*tipped(script, straight(script), TIPPED))
     for raised in np.linspace(CARRY_RAISED, TIP_RAISED, 25)[1:]:
         carry(env, script, env.episode.patty_mass)
         held = script.in_palm(*env.spatula_pose)

@@ -4,10 +4,12 @@ from functools import cache
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.hand import model as robot
+from lerobot_dexflex.hand.grasp_frame import flange_change, grasp_frame
 from lerobot_dexflex.hands import PALM, Hand
+from lerobot_dexflex.hands.tables import rotation_of
 
 Array = NDArray[np.float64]
 N_ARM = len(robot.ARM_JOINTS)
@@ -131,3 +133,22 @@ class ArmKinematics:
         joints = self.solve(seed, position, rotation, iterations=150, damping=0.03, posture_gain=0.1)
         self.posture = kept
         return self.solve(joints, position, rotation, iterations=20, damping=0.01, posture_gain=0.0)
+
+
+def arm_for(hand: Hand, arm_joints: ArrayLike) -> Array:
+    """Return the arm's joints with which a hand grasps where, as written, `arm_joints` lets it grasp [rad].
+
+    Args:
+        hand: The hand on the arm.
+        arm_joints: Joints as tasks and operators are written. Shape (7,).
+    """
+    joints = np.array(arm_joints, float)
+    shift, turn = flange_change(hand)
+    if not shift.any() and np.array_equal(turn, np.eye(3)):
+        return joints
+    grasping = ArmKinematics(hand, grasp_frame(hand).centre, joints)
+    point, palm = grasping.forward(joints)
+    flange = palm @ rotation_of(hand.mount_quaternion).T
+    last = joints[-1] + np.arctan2(turn[1, 0], turn[0, 0])
+    joints[-1] = last - 2 * np.pi * np.round(last / (2 * np.pi))
+    return grasping.reach(joints, point + flange @ shift, flange @ turn @ flange.T @ palm)

@@ -5,7 +5,6 @@ The palm frame is the world frame and the direction of gravity is free. A candid
 object, carried it, and kept it while gravity was tilted and increased: with a constant joint command.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import mujoco
@@ -17,7 +16,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import fingertip_contacts, solve_pads
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY, Candidate, balance_weight, grasp_candidates
 from lerobot_dexflex.hand.kernels import contact_torques
-from lerobot_dexflex.hand.model import SUBSTEPS, TIP_FRICTION, add_hand, base_spec
+from lerobot_dexflex.hand.model import SUBSTEPS, TIP_FRICTION, add_hand, base_spec, tip_geoms
 from lerobot_dexflex.hand.objects import ObjectSpec, add_object
 from lerobot_dexflex.hand.poses import pose_error
 from lerobot_dexflex.hands import Hand
@@ -87,7 +86,7 @@ class GraspSearch:
         self.model = hand_scene(hand, object_spec).compile()
         self.data = mujoco.MjData(self.model)
         self._object = self.model.body(OBJECT).id
-        self._tip_geoms = {self.model.geom(name).id for name in _tip_geoms(hand)}
+        self._tip_geoms = {self.model.geom(name).id for name in tip_geoms(hand)}
         self._weld = self.model.equality(HOLD).id
         self._n = hand.n_joints
 
@@ -217,10 +216,3 @@ class GraspSearch:
 
     def _pose(self) -> tuple[Array, Array]:
         return self.data.qpos[self._n : self._n + 3].copy(), self.data.qpos[self._n + 3 :].copy()
-
-
-def _tip_geoms(hand: Hand) -> Iterator[str]:
-    for finger in hand.fingers:
-        yield f"{finger.prefix}_tip"
-        if finger.nose is not None:
-            yield f"{finger.prefix}_nose"

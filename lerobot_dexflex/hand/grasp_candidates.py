@@ -12,12 +12,11 @@ import torch
 from numpy.typing import NDArray
 
 from lerobot_dexflex.hand.contacts import balance_forces, solve_pads
-from lerobot_dexflex.hand.kinematics import finger_frames
+from lerobot_dexflex.hand.kinematics import pad_rotations
 from lerobot_dexflex.hand.objects import ObjectSpec
 from lerobot_dexflex.hand.poses import quaternion_matrix
 from lerobot_dexflex.hand.surfaces import surface_samples
 from lerobot_dexflex.hands import Hand
-from lerobot_dexflex.hands.tables import rotation_of
 
 Array = NDArray[np.float64]
 
@@ -128,10 +127,8 @@ def balance_weight(
 def _lift_tilted(hand: Hand, candidate: Candidate) -> Candidate:
     """Raise pads that meet the surface at an angle, so that edges touch instead of sinking in."""
     joints, normals = torch.from_numpy(candidate.joints)[None], torch.from_numpy(candidate.normals)[None]
-    pad_frames = torch.from_numpy(np.array([rotation_of(finger.pad_quaternion) for finger in hand.fingers]))
     half_sizes = torch.tensor([finger.pad_half_size for finger in hand.fingers], dtype=torch.float64)
-    rotation = finger_frames(hand, joints).distal_rotation @ pad_frames
-    tilt = torch.einsum("bfij,bfi->bfj", rotation, normals).abs()[..., :2]
+    tilt = torch.einsum("bfij,bfi->bfj", pad_rotations(hand, joints), normals).abs()[..., :2]
     lift = (tilt * half_sizes).sum(-1, keepdim=True)
     points = torch.from_numpy(candidate.points)[None] + lift * normals
     solved = solve_pads(hand, points, normals, joints, iterations=4).joints[0].numpy()

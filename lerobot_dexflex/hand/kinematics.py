@@ -59,6 +59,14 @@ def pads(hand: Hand, hand_joints: Tensor) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(centres).to(hand_joints), torch.from_numpy(normals).to(hand_joints)
 
 
+def pad_rotations(hand: Hand, hand_joints: Tensor) -> Tensor:
+    """Return the orientation of the pads in the palm frame, as columns along, across and outward.
+
+    Shape (batch, fingers, 3, 3), of joints (batch, joints) [rad].
+    """
+    return finger_frames(hand, hand_joints).distal_rotation @ torch.tensor(hand.pad_rotations).to(hand_joints)
+
+
 def solve_fingertips(
     hand: Hand,
     targets: Tensor,

@@ -36,6 +36,15 @@ def robot_joints(hand: Hand) -> tuple[str, ...]:
     return (*ARM_JOINTS, *hand.joint_names)
 
 
+def tip_geoms(hand: Hand) -> tuple[str, ...]:
+    """Return the names of the geoms that fingertips touch with."""
+    return tuple(
+        f"{finger.prefix}_{part}"
+        for finger in hand.fingers
+        for part in (("tip",) if finger.nose is None else ("tip", "nose"))
+    )
+
+
 def base_spec() -> mujoco.MjSpec:
     """Return an empty spec with the one physics setting that holds a grasp (elliptic cone, Newton)."""
     spec = mujoco.MjSpec()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hands.body import PALM, Box, Inertia, Link, Motor, Quaternion, Shape, Vector3
 from lerobot_dexflex.hands.finger import Finger
-from lerobot_dexflex.hands.tables import Tables, tables_of
+from lerobot_dexflex.hands.tables import Tables, rotation_of, tables_of
 
 Array = NDArray[np.float64]
 
@@ -62,10 +62,19 @@ class Hand:
     """Unit vector across the palm from the last toward the first of the fingers that do not oppose."""
     excluded: tuple[tuple[str, str], ...] = ()
     """Pairs of links that never collide with each other, because their shapes overlap at a joint."""
+    open_joints: tuple[float, ...] = ()
+    """A person's flat, open hand: fingers straight, the thumb spread [rad]. Shape (joints,); none means zero
+    angles, or the limits nearest to it."""
+    loose_joints: tuple[float, ...] = ()
+    """A loosely bent hand, which fingers prefer where a person leaves them free [rad]. Shape (joints,); none
+    means `nominal_joints`."""
 
     def __post_init__(self) -> None:
         if len(self.fingers) < 2:
             raise DexFlexError(f"Hand '{self.name}' needs two fingers or more. Got {len(self.fingers)}.")
+        straight = tuple(float(np.clip(0.0, *link.joint_range)) for link in self.links)
+        object.__setattr__(self, "open_joints", self.open_joints or straight)
+        object.__setattr__(self, "loose_joints", self.loose_joints or self.nominal_joints)
         self._check_names()
         self._check_postures()
         self._check_sizes()
@@ -86,7 +95,7 @@ class Hand:
             _check_known("`excluded`", name, (PALM, *self.link_names))
 
     def _check_postures(self) -> None:
-        for field in ("relaxed_joints", "nominal_joints", "idle_joints"):
+        for field in ("relaxed_joints", "nominal_joints", "idle_joints", "open_joints", "loose_joints"):
             posture = getattr(self, field)
             if len(posture) != self.n_joints:
                 raise DexFlexError(
@@ -182,6 +191,11 @@ class Hand:
     def opposed_fingers(self) -> tuple[int, ...]:
         """Indices of the fingers that the opposing ones press against."""
         return tuple(k for k in range(self.n_fingers) if k not in self.opposing_fingers)
+
+    @cached_property
+    def pad_rotations(self) -> Array:
+        """Orientation of each pad in its distal link: along, across, outward. Shape (fingers, 3, 3)."""
+        return _fixed(np.array([rotation_of(finger.pad_quaternion) for finger in self.fingers]))
 
     @cached_property
     def joint_lower(self) -> Array:

@@ -244,5 +244,8 @@ LEAP = Hand(
         ("th_ds", "th_bs"),
         ("th_ds", "th_mp"),
     ),
+    # The thumb as far forward as a person's: an average open hand fits to 8 mm, with a straight one to 20 mm.
+    open_joints=(*(0.0,) * 14, 1.0, 0.0),
+    loose_joints=(0.4, 0.0, 0.6, 0.4) * 3 + (0.3, 0.0, 0.8, 0.3),
 )
 """Right LEAP hand: index, middle and ring finger against the thumb, four joints each."""

@@ -291,5 +291,13 @@ SHARPA = Hand(
     pad_spacing=0.017,
     finger_order=(0.0, 1.0, 0.0),
     excluded=tuple((finger.distal, link.name) for finger in _FINGERS for link in finger.links[-4:-2]),
+    # Fingers spread as a person's: an average open hand, a little larger than this one, fits to 7 mm.
+    open_joints=(
+        *(0.0, 0.1, 0.0, 0.0),
+        *(0.0, 0.15, 0.0, 0.0),
+        *(0.0, 0.25, 0.0, 0.0),
+        *(0.0, 0.0, 0.3, 0.0, 0.0),
+        *(0.0, 0.0, 0.7, 0.1, 0.4),
+    ),
 )
 """Right SHARPA Wave hand: index, middle, ring and little finger against the thumb."""

@@ -11,22 +11,17 @@ from torch import Tensor
 from lerobot_dexflex.conventions import CONTROL_PERIOD, STATE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, joint_limits, leads, solve_fingertips
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.protocol import CommandSpace
-
-JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
-N_JOINTS = LEAP.n_joints
-LARGEST_STEP = float(LEAP.joint_speeds.min()) * CONTROL_PERIOD
-"""Largest change of a joint target in a control step [rad]: what the servo can follow."""
 
 
 class Measured(NamedTuple):
     """Where the hand is."""
 
     joints: Tensor
-    """[rad], float64. Shape (batch, 16)."""
+    """[rad], float64. Shape (batch, joints)."""
     tips: Tensor
-    """Fingertips in the palm frame [m], float64. Shape (batch, 4, 3)."""
+    """Fingertips in the palm frame [m], float64. Shape (batch, fingers, 3)."""
 
 
 class CommandedHand:
@@ -35,9 +30,15 @@ class CommandedHand:
     No joint target moves faster than the servo can follow, so a jump of an encoder or of a draft never
     becomes a jump of the hand. Rows are never written in place: LeRobot acts under `torch.inference_mode`,
     whose tensors may not be modified outside of it.
+
+    Args:
+        hand: The hand.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, hand: Hand) -> None:
+        self.hand = hand
+        self.largest_step = torch.tensor(hand.joint_speeds) * CONTROL_PERIOD
+        """Largest change of each joint target in a control step [rad]: what its servo follows. (joints,)."""
         self._command: Tensor | None = None
         self._posture: Tensor | None = None
         self._fresh: Tensor | None = None
@@ -58,9 +59,9 @@ class CommandedHand:
         """Return where the hand is; rows that were just reset begin there.
 
         Args:
-            observation: Holds `observation.state`, shape (batch, >= 16) [rad].
+            observation: Holds `observation.state`, shape (batch, >= joints) [rad].
         """
-        joints = _measured_joints(observation)
+        joints = _measured_joints(self.hand, observation)
         if self._command is None or self._posture is None or self._fresh is None:
             self._command = self._posture = joints
             self._fresh = torch.zeros(len(joints), dtype=torch.bool, device=joints.device)
@@ -74,13 +75,13 @@ class CommandedHand:
             self._command = torch.where(fresh, joints, self._command)
             self._posture = torch.where(fresh, joints, self._posture)
             self._fresh = torch.zeros_like(self._fresh)
-        return Measured(joints, fingertips(LEAP, joints))
+        return Measured(joints, fingertips(self.hand, joints))
 
     def execute(self, joints: Tensor, posture: Tensor | None = None) -> Tensor:
         """Bound joint targets, remember and return them; what is within the bounds passes bit for bit.
 
         Args:
-            joints: Joint targets [rad]. Shape (batch, 16).
+            joints: Joint targets [rad]. Shape (batch, joints).
             posture: Joints without the grip, to which the next inverse kinematics is tied; `joints` if None.
 
         Raises:
@@ -88,13 +89,14 @@ class CommandedHand:
         """
         assert self._command is not None
         _refuse_non_finite("The command", joints)
-        bounded = joints.clamp(self._command - LARGEST_STEP, self._command + LARGEST_STEP)
+        step = self.largest_step.to(joints)
+        bounded = joints.clamp(self._command - step, self._command + step)
         self._command, self._posture = bounded, bounded if posture is None else posture
         return bounded
 
     @property
     def posture(self) -> Tensor:
-        """Joints without the grip of the previous command [rad]. Shape (batch, 16)."""
+        """Joints without the grip of the previous command [rad]. Shape (batch, joints)."""
         assert self._posture is not None
         return self._posture
 
@@ -103,14 +105,18 @@ class CommandedInterface(ABC):
     """What every interface shares that moves the fingertips itself.
 
     `gain` scales the motion that it asks of the hand (not the grip): a method's `@0.5`.
+
+    Args:
+        hand: The hand that it serves.
     """
 
     name: str
     command_space: CommandSpace = "draft"
 
-    def __init__(self) -> None:
+    def __init__(self, hand: Hand) -> None:
+        self.hand = hand
         self.gain = 1.0
-        self._hand = CommandedHand()
+        self._hand = CommandedHand(hand)
         self._motion: Tensor | None = None
 
     @property
@@ -129,20 +135,20 @@ class CommandedInterface(ABC):
 
         Args:
             measured: Where the hand is.
-            motion: Of the fingertips [m]. Shape (batch, 4, 3).
-            push: What a touch servo adds to it [m]. Shape (batch, 4, 3).
-            torques: Joint torques of the grip [N m], realised by leading the joints. Shape (batch, 16).
+            motion: Of the fingertips [m]. Shape (batch, fingers, 3).
+            push: What a touch servo adds to it [m]. Shape (batch, fingers, 3).
+            torques: Joint torques of the grip [N m], realised by leading the joints. Shape (batch, joints).
 
         Returns:
-            Joint targets [rad], float64. Shape (batch, 16).
+            Joint targets [rad], float64. Shape (batch, joints).
         """
         motion = self.gain * motion
         goal = measured.tips + (motion if push is None else motion + push)
-        posture = solve_fingertips(LEAP, goal, self._hand.posture)
+        posture = solve_fingertips(self.hand, goal, self._hand.posture)
         joints = posture
         if torques is not None:
-            lead = leads(LEAP, torques)
-            joints = (posture + lead).clamp(JOINT_LOWER.to(posture), JOINT_UPPER.to(posture))
+            lower, upper = (limit.to(posture) for limit in joint_limits(self.hand))
+            joints = (posture + leads(self.hand, torques)).clamp(lower, upper)
         joints = self._hand.execute(joints, posture)
         self._motion = motion
         return joints
@@ -185,18 +191,18 @@ def check_draft(draft: Tensor, element: tuple[int, ...], rows: int, meaning: str
     return draft.double()
 
 
-def _measured_joints(observation: Mapping[str, Tensor]) -> Tensor:
+def _measured_joints(hand: Hand, observation: Mapping[str, Tensor]) -> Tensor:
     if STATE not in observation:
         raise DexFlexError(
             f"The observation lacks '{STATE}', the measured joints [rad]. Got keys: {sorted(observation)}."
         )
     state = observation[STATE]
-    if state.ndim != 2 or state.shape[1] < N_JOINTS:
+    if state.ndim != 2 or state.shape[1] < hand.n_joints:
         raise DexFlexError(
-            f"'{STATE}' must have shape (batch, >= {N_JOINTS}), the hand's joints last [rad]. "
-            f"Got {tuple(state.shape)}."
+            f"'{STATE}' must have shape (batch, >= {hand.n_joints}), the joints of the hand '{hand.name}' "
+            f"last [rad]. Got {tuple(state.shape)}."
         )
-    joints = state[:, -N_JOINTS:]
+    joints = state[:, -hand.n_joints :]
     _refuse_non_finite(f"'{STATE}'", joints)
     return joints.double()
 

@@ -17,11 +17,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import pads
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 
 WINDOW = 29
 """Control steps of loads that are looked at, this one included."""
@@ -31,8 +30,9 @@ _RECENT, _SLOW = [0, 1, 3], slice(None, None, 4)
 """Steps back in which a load counts as recent, and those that tell whether a grasp has formed."""
 _PAIR, _ENOUGH = 2, 3
 """Loaded fingers that make a grasp worth protecting; and that make its motion more than a guess."""
-_THUMB, _LET_GO = FINGER_NAMES.index("thumb"), 0.002
-"""It lets go where recent drafts, or a plan, take thumb and two fingers outward, on average so fast [m]."""
+_LET_GO = 0.002
+"""It lets go where recent drafts, or a plan, take a finger that opposes and two others outward, on average so
+fast [m]."""
 _PLAN = 1e-4
 """A plan goes on by more in one of its later steps [m]."""
 _MAX_SQUEEZE, _MAX_RELIEF = 0.0015, 0.001
@@ -85,36 +85,37 @@ class Grasp(NamedTuple):
     """What is known of the hand and of what it holds, newest first."""
 
     joints: Tensor
-    """Measured [rad]. Shape (batch, 16)."""
+    """Measured [rad]. Shape (batch, joints)."""
     tips: Tensor
-    """Measured fingertips [m]. Shape (batch, 4, 3)."""
+    """Measured fingertips [m]. Shape (batch, fingers, 3)."""
     loads: Tensor
-    """Normal force of each fingertip, now and in the steps before [N]. Shape (batch, WINDOW, 4)."""
+    """Normal force of each fingertip, now and in the steps before [N]. Shape (batch, WINDOW, fingers)."""
     missing: Tensor
-    """Fingers whose touch is not known. Shape (batch, 4), bool."""
+    """Fingers whose touch is not known. Shape (batch, fingers), bool."""
     drafts: Tensor
-    """First displacements of earlier drafts [m]. Shape (batch, PAST_DRAFTS, 4, 3)."""
+    """First displacements of earlier drafts [m]. Shape (batch, PAST_DRAFTS, fingers, 3)."""
 
 
-def project_draft(asked: Tensor, grasp: Grasp, settings: ProjectionSettings) -> Tensor:
+def project_draft(hand: Hand, asked: Tensor, grasp: Grasp, settings: ProjectionSettings) -> Tensor:
     """Return the first displacement of a draft as one that keeps loaded fingertips on the object.
 
     A finger whose touch is missing counts as free. Without any touch it cannot be known whether there is a
     grasp: only `free_gain` and `speed` act.
 
     Args:
+        hand: The hand.
         asked: Displacements of the commanded fingertips over the next steps [m]. Shape
-            (batch, horizon, 4, 3).
+            (batch, horizon, fingers, 3).
         grasp: What is known.
         settings: Gains and limits.
 
     Returns:
-        Displacement of the commanded fingertips [m]. Shape (batch, 4, 3).
+        Displacement of the commanded fingertips [m]. Shape (batch, fingers, 3).
     """
     loads = grasp.loads.masked_fill(grasp.missing[:, None], 0.0)
-    now, recent = loads[:, 0], (loads[:, _RECENT] > CONTACT_FORCE).any(1)  # (batch, 4)
+    now, recent = loads[:, 0], (loads[:, _RECENT] > CONTACT_FORCE).any(1)  # (batch, fingers)
     loaded, first = now > CONTACT_FORCE, asked[:, 0]
-    inward = pads(LEAP, grasp.joints)[1]
+    inward = pads(hand, grasp.joints)[1]
     planned = (asked[:, 1:].abs() > _PLAN).flatten(1).any(1)  # (batch,)
 
     moved = _together(first, grasp.tips, inward, now, planned, settings)
@@ -128,7 +129,7 @@ def project_draft(asked: Tensor, grasp: Grasp, settings: ProjectionSettings) -> 
     moved = moved + (squeeze + back)[..., None] * inward
 
     formed = ((loads[:, _SLOW] > CONTACT_FORCE).sum(-1) >= _PAIR).any(1) & recent.any(1)
-    leaving = _lets_go(grasp.drafts, inward) | (planned & _lets_go(asked, inward))
+    leaving = _lets_go(hand, grasp.drafts, inward) | (planned & _lets_go(hand, asked, inward))
     protect = (formed & ~leaving) | grasp.missing.all(1)
     return torch.where(protect[:, None, None], moved, first)
 
@@ -151,10 +152,10 @@ def _together(
     return rigid + gain * (internal - normal * inward) + (opening + closing) * inward
 
 
-def _lets_go(displacements: Tensor, inward: Tensor) -> Tensor:
-    """Return whether displacements (batch, steps, 4, 3) take thumb and two fingers outward: (batch,)."""
-    outward = -(displacements.mean(1) * inward).sum(-1) > _LET_GO  # (batch, 4)
-    return outward[:, _THUMB] & (outward.sum(1) >= _ENOUGH)
+def _lets_go(hand: Hand, displacements: Tensor, inward: Tensor) -> Tensor:
+    """Return whether displacements (batch, steps, fingers, 3) open a grasp, see `_LET_GO`: (batch,)."""
+    outward = -(displacements.mean(1) * inward).sum(-1) > _LET_GO  # (batch, fingers)
+    return outward[:, list(hand.opposing_fingers)].any(1) & (outward.sum(1) >= _ENOUGH)
 
 
 def rigid_motion(moves: Tensor, tips: Tensor, weights: Tensor, regular: float = _REGULAR[1]) -> Tensor:
@@ -164,9 +165,9 @@ def rigid_motion(moves: Tensor, tips: Tensor, weights: Tensor, regular: float = 
     rule, element by element: no LAPACK chooses an order of summation by the size of the batch.
 
     Args:
-        moves: Shape (batch, 4, 3) [m].
-        tips: Shape (batch, 4, 3) [m].
-        weights: Shape (batch, 4).
+        moves: Shape (batch, fingers, 3) [m].
+        tips: Shape (batch, fingers, 3) [m].
+        weights: Shape (batch, fingers).
         regular: How much rotation is held back [m^2].
     """
     share, total = weights[..., None], weights.sum(1)[:, None, None]

@@ -12,7 +12,7 @@ from lerobot_dexflex.controller import DexFlexController, History, Selection, Se
 from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import finger_frames, pads
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.explanation import Choice
 from lerobot_dexflex.interfaces.grip import NO_SERVO, Grip, centres_of_pressure
 from lerobot_dexflex.interfaces.learned import LearnedInterface, Sensed
@@ -32,6 +32,7 @@ class DexFlexInterface(LearnedInterface):
     is one that came too late.
 
     Args:
+        hand: The hand that it serves.
         controller: The controller, its folder or hub id; the shipped one if None.
         settings: How candidates are proposed and chosen.
     """
@@ -40,12 +41,13 @@ class DexFlexInterface(LearnedInterface):
 
     def __init__(
         self,
+        hand: Hand,
         controller: DexFlexController | str | Path | None = None,
         settings: SelectionSettings | None = None,
     ) -> None:
-        super().__init__(controller)
+        super().__init__(hand, controller)
         self.settings = settings or SelectionSettings()
-        self._grip = Grip(NO_SERVO)
+        self._grip = Grip(hand, NO_SERVO)
         self._plan: Plan | None = None
         self._slow: Tensor | None = None
         self._slow_age: Tensor | None = None
@@ -109,13 +111,13 @@ class DexFlexInterface(LearnedInterface):
         return Plan(sensed.measured.tips[:, None] + chunk, choice, age)
 
     def _forces(self, sensed: Sensed, state: State, history: History, ahead: Tensor) -> Tensor:
-        """Return the forces of the grip in the palm frame [N]. Shape (batch, 4, 3), float64."""
+        """Return the forces of the grip in the palm frame [N]. Shape (batch, fingers, 3), float64."""
         joints = sensed.measured.joints
         if self.settings.grip:
             holding = self._grip.feel(self._loads(sensed, history))
-            return self.settings.grip * pads(LEAP, joints)[1] * holding[..., None]
+            return self.settings.grip * pads(self.hand, joints)[1] * holding[..., None]
         local = self.controller.decode(state, ahead.float()).grip().double()
-        rotation = finger_frames(LEAP, joints).distal_rotation
+        rotation = finger_frames(self.hand, joints).distal_rotation
         return (rotation @ local[..., None]).squeeze(-1)
 
     def _press(self, sensed: Sensed, history: History, motion: Tensor, forces: Tensor) -> Tensor:
@@ -123,9 +125,9 @@ class DexFlexInterface(LearnedInterface):
         loads = self._loads(sensed, history)
         if not self.settings.grip:
             self._grip.feel(loads)
-        felt = sensed.touch.tactile.double().unflatten(1, (4, -1))
+        felt = sensed.touch.tactile.double().unflatten(1, (self.hand.n_fingers, -1))
         felt = felt.masked_fill(history.tactile_missing[..., None], 0.0).flatten(1)
-        points = centres_of_pressure(joints, felt)
+        points = centres_of_pressure(self.hand, joints, felt)
         torques, push = self._grip.exert(joints, forces, loads, points)
         return self.move(sensed.measured, motion, push, torques)
 
@@ -165,15 +167,18 @@ class DexFlexInterface(LearnedInterface):
         )
 
 
-def make_dexflex(controller: str | Path | None, ablation: str = "", **options: Any) -> DexFlexInterface:
+def make_dexflex(
+    hand: Hand, controller: str | Path | None, ablation: str = "", **options: Any
+) -> DexFlexInterface:
     """Build the interface from the words of a method's name.
 
     Args:
+        hand: The hand that it serves.
         controller: Folder or hub id; the shipped one if None.
         ablation: See `ablated`.
         **options: Of `SelectionSettings`.
     """
-    return DexFlexInterface(controller, ablated(SelectionSettings(**options), ablation))
+    return DexFlexInterface(hand, controller, ablated(SelectionSettings(**options), ablation))
 
 
 def ablated(settings: SelectionSettings, ablation: str) -> SelectionSettings:

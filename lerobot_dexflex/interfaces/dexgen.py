@@ -13,13 +13,10 @@ from lerobot_dexflex.controller.finite import check_output
 from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import joint_limits, solve_fingertips
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.learned import LearnedInterface, file_stamps
 from lerobot_dexflex.interfaces.registry import INTERFACES
-
-JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
-
 
 GUIDANCE = 30.0
 """Strength of the guidance (log in `eval/LOG.md`)."""
@@ -33,6 +30,7 @@ class DexGenInterface(LearnedInterface):
     Satisfies `Interface`; a draft of None is one that came too late.
 
     Args:
+        hand: The hand that it serves.
         controller: A controller's folder or hub id, the shipped one if None; or the controller itself, whose
             encoder is used, together with `prior`.
         prior: The diffusion prior; that of the controller's folder if None.
@@ -47,6 +45,7 @@ class DexGenInterface(LearnedInterface):
 
     def __init__(
         self,
+        hand: Hand,
         controller: DexFlexController | str | Path | None = None,
         prior: DiffusionPrior | None = None,
         guidance: float = GUIDANCE,
@@ -63,15 +62,16 @@ class DexGenInterface(LearnedInterface):
             if isinstance(controller, DexFlexController):
                 raise DexFlexError("Give `prior` together with a controller object, or the folder of both.")
             controller = find_controller(controller, INTERFACES["dexgen"].files)
-        super().__init__(controller)
+        super().__init__(hand, controller)
         if prior is None:
             assert isinstance(controller, Path)
             prior = _loaded_prior(controller.resolve(), file_stamps(controller))
         self.prior = prior.eval()
         self._guidance, self._steps = guidance, steps
         self._use_touch, self._use_splitter = use_touch, use_splitter
-        width = self.controller.config.finger_chunk_width
-        self._noise = torch.randn(1, 1, 4, width, generator=torch.Generator().manual_seed(seed))
+        shape = (1, 1, hand.n_fingers, self.controller.config.finger_chunk_width)
+        self._noise = torch.randn(shape, generator=torch.Generator().manual_seed(seed))
+        self._finger_of_joint = torch.tensor(hand.finger_of_joint)
 
     def _move(self, device: torch.device) -> None:
         super()._move(device)
@@ -95,13 +95,12 @@ class DexGenInterface(LearnedInterface):
         drawn = prior.sample(noise, wanted, self._guidance, self._steps, prior.context(state))[:, 0]
         motion = check_output("prior of DexGen", scale.restore(drawn))[:, 0].double()
         lead = check_output("inverse dynamics of DexGen", prior.lead(state, self.gain * drawn))
-        joints = (sensed.measured.joints + lead.double()).clamp(
-            JOINT_LOWER.to(motion), JOINT_UPPER.to(motion)
-        )
+        lower, upper = (limit.to(motion) for limit in joint_limits(self.hand))
+        joints = (sensed.measured.joints + lead.double()).clamp(lower, upper)
         free, asked = self._free(sensed, history), sensed.draft.draft[:, 0]
         motion = torch.where(free[..., None], asked, motion)
-        followed = solve_fingertips(LEAP, sensed.measured.tips + self.gain * asked, self._hand.posture)
-        joints = torch.where(free.repeat_interleave(4, 1), followed, joints)
+        followed = solve_fingertips(self.hand, sensed.measured.tips + self.gain * asked, self._hand.posture)
+        joints = torch.where(free[:, self._finger_of_joint], followed, joints)
         self._motion = self.gain * motion
         self._explain(sensed, motion, free)
         return self._hand.execute(joints, joints)

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.commanded_hand import check_draft
 from lerobot_dexflex.interfaces.raw import MEANING
 
@@ -25,7 +26,7 @@ class DraftReading(NamedTuple):
 
     draft: Tensor
     """Where the fingertips should be, relative to where they are measured [m], float64. Shape
-    (batch, 8, 4, 3)."""
+    (batch, 8, fingers, 3)."""
     health: Tensor
     """Index into `DRAFT_HEALTH`. Shape (batch,)."""
 
@@ -54,7 +55,7 @@ class DraftWatch:
 
         Args:
             draft: A draft that `checked_draft` accepts.
-            tips: Measured fingertips [m], float64. Shape (batch, 4, 3).
+            tips: Measured fingertips [m], float64. Shape (batch, fingers, 3).
         """
         here = tips[:, None]
         health = torch.full((len(tips),), _OK, dtype=torch.int64, device=tips.device)
@@ -72,15 +73,15 @@ class DraftWatch:
         return DraftReading(current, health)
 
 
-def checked_draft(draft: Tensor | None, rows: int) -> Tensor | None:
+def checked_draft(hand: Hand, draft: Tensor | None, rows: int) -> Tensor | None:
     """Return the draft, or refuse it; None is a late draft and always fine.
 
     Raises:
-        DexFlexError: If the draft has another shape than (rows, 8, 4, 3), NaN or infinity.
+        DexFlexError: If the draft has another shape than (rows, 8, fingers, 3), NaN or infinity.
     """
     if draft is None:
         return None
-    checked = check_draft(draft, (4, 3), rows, MEANING)
+    checked = check_draft(draft, (hand.n_fingers, 3), rows, MEANING)
     if draft.shape[1] != DRAFT_HORIZON:
         raise DexFlexError(
             f"The controller looks {DRAFT_HORIZON} control steps ahead; the draft has {draft.shape[1]}. "

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 from torch import Tensor
 
 from lerobot_dexflex.controller.chunks import BRANCHES
-from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH
 from lerobot_dexflex.interfaces.touch_watch import TOUCH_HEALTH
 
@@ -16,7 +15,7 @@ _LIKELY = 0.5
 
 
 def relative_change(selected: Tensor, asked: Tensor) -> Tensor:
-    """Return ||selected - asked|| / (||asked|| + 2 mm) over the fingertips; both (batch, 4, 3) [m]."""
+    """Return ||selected - asked|| / (||asked|| + 2 mm) over the fingertips; both (batch, fingers, 3) [m]."""
     size = asked.flatten(1).norm(dim=1) + STILL
     return (selected - asked).flatten(1).norm(dim=1) / size
 
@@ -31,11 +30,11 @@ class Choice(NamedTuple):
     draft_score: Tensor
     """Score of the raw draft, candidate or not. Shape (batch,)."""
     contact_loss: Tensor
-    """Dreamed probability that a finger loses contact within the horizon. Shape (batch, 4)."""
+    """Dreamed probability that a finger loses contact within the horizon. Shape (batch, fingers)."""
     draft_contact_loss: Tensor
     """The same for the raw draft."""
     slip: Tensor
-    """Dreamed probability that a finger slips along the object. Shape (batch, 4)."""
+    """Dreamed probability that a finger slips along the object. Shape (batch, fingers)."""
     draft_slip: Tensor
     """The same for the raw draft."""
     grasp_loss: Tensor
@@ -48,43 +47,46 @@ class Choice(NamedTuple):
 class Explanation:
     """One control step of a learned interface."""
 
+    fingers: tuple[str, ...]
+    """What people call the hand's fingers, in the order of all tensors."""
     intervention: Tensor
-    """||selected - draft|| / (||draft|| + 2 mm) over the four fingertips, both without squeeze. (batch,)."""
+    """||selected - draft|| / (||draft|| + 2 mm) over the fingertips, both without squeeze. (batch,)."""
     touch_health: Tensor
-    """Index into `TOUCH_HEALTH` per finger. Shape (batch, 4)."""
+    """Index into `TOUCH_HEALTH` per finger. Shape (batch, fingers)."""
     draft_health: Tensor
     """Index into `DRAFT_HEALTH`. Shape (batch,)."""
     squeeze: Tensor
     """What of every step of the draft commanded into the object and was replaced by the grip [m], palm frame;
-    zero for a source of motion. Shape (batch, 4, 3)."""
+    zero for a source of motion. Shape (batch, fingers, 3)."""
     free: Tensor
-    """Fingers that followed the draft as it came, without grip; see `FreeFingers`. (batch, 4) bool."""
+    """Fingers that followed the draft as it came, without grip; see `FreeFingers`. (batch, fingers) bool."""
     forces: Tensor | None = None
-    """Forces of the grip [N], palm frame, (batch, 4, 3); None for an interface that supplies none."""
+    """Forces of the grip [N], palm frame, (batch, fingers, 3); None for an interface that supplies none."""
     choice: Choice | None = None
     """None for an interface that chooses among no candidates."""
 
     def row(self, index: int) -> dict[str, Any]:
         """Return one hand's explanation as plain numbers and names, ready for JSON."""
-        touch = self.touch_health[index].tolist()
         found: dict[str, Any] = {
             "intervention": self.intervention[index].item(),
-            "touch_health": {f: TOUCH_HEALTH[k] for f, k in zip(FINGER_NAMES, touch, strict=True)},
+            "touch_health": {f: TOUCH_HEALTH[k] for f, k in self._named(self.touch_health[index]).items()},
             "draft_health": DRAFT_HEALTH[int(self.draft_health[index])],
-            "squeeze": dict(zip(FINGER_NAMES, self.squeeze[index].norm(dim=-1).tolist(), strict=True)),
-            "free": dict(zip(FINGER_NAMES, self.free[index].tolist(), strict=True)),
+            "squeeze": self._named(self.squeeze[index].norm(dim=-1)),
+            "free": self._named(self.free[index]),
         }
         if self.forces is not None:
-            pressed = self.forces[index].norm(dim=-1).tolist()
-            found["grip"] = dict(zip(FINGER_NAMES, pressed, strict=True))
+            found["grip"] = self._named(self.forces[index].norm(dim=-1))
         if self.choice is not None:
             found["branch"] = BRANCHES[int(self.choice.branch[index])]
             for name in ("score", "draft_score", "grasp_loss", "draft_grasp_loss"):
                 found[name] = getattr(self.choice, name)[index].item()
             for name in ("contact_loss", "draft_contact_loss", "slip", "draft_slip"):
-                values = getattr(self.choice, name)[index].tolist()
-                found[name] = dict(zip(FINGER_NAMES, values, strict=True))
+                found[name] = self._named(getattr(self.choice, name)[index])
         return found
+
+    def _named(self, values: Tensor) -> dict[str, Any]:
+        """Return a value of every finger, (fingers,), by the fingers' names."""
+        return dict(zip(self.fingers, values.tolist(), strict=True))
 
     def sentence(self, index: int) -> str:
         """Return one hand's explanation as a sentence for a person."""

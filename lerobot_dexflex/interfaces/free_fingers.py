@@ -54,24 +54,24 @@ class FreeFingers:
         self._insisted = self._insisted.masked_fill(mask[:, None], 0)
 
     def look(self, draft: Tensor, loads: Tensor, inward: Tensor, late: Tensor) -> Tensor:
-        """Return which fingers are free; call it once per control step. Shape (batch, 4) bool.
+        """Return which fingers are free; call it once per control step. Shape (batch, fingers) bool.
 
         Args:
             draft: Where the fingertips should be, relative to where they are [m], palm frame. Shape
-                (batch, horizon, 4, 3).
-            loads: Normal force of each fingertip [N]; NaN where it is not known. Shape (batch, 4).
-            inward: Normals of the pads, into what they touch, palm frame. Shape (batch, 4, 3).
+                (batch, horizon, fingers, 3).
+            loads: Normal force of each fingertip [N]; NaN where it is not known. Shape (batch, fingers).
+            inward: Normals of the pads, into what they touch, palm frame. Shape (batch, fingers, 3).
             late: Rows whose draft is what was left of an older one: nobody insists on it. Shape (batch,).
         """
         if self._free is None or self._unloaded is None or self._together is None or self._insisted is None:
             fingers = torch.zeros(loads.shape, dtype=torch.int64, device=loads.device)
             self._free, self._insisted, self._together = fingers.bool(), fingers, fingers[:, 0]
             self._unloaded = torch.full_like(self._together, EMPTY_STEPS)
-        along = (draft * inward[:, None]).sum(-1)  # (batch, horizon, 4)
+        along = (draft * inward[:, None]).sum(-1)  # (batch, horizon, fingers)
         outward = -along.amin(1)
         led_outward, led_inward = outward >= LEAST_LEAD, along.amax(1) >= LEAST_LEAD
         led_inward = led_inward & ~led_outward
-        carries, maybe = loads > CONTACT_FORCE, ~(loads <= CONTACT_FORCE)  # (batch, 4); NaN: maybe.
+        carries, maybe = loads > CONTACT_FORCE, ~(loads <= CONTACT_FORCE)  # (batch, fingers); NaN: maybe.
 
         unloaded = torch.where(maybe.any(1), self._unloaded, self._unloaded + 1)
         self._unloaded = unloaded.masked_fill(carries.any(1), 0)

@@ -8,8 +8,8 @@ from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.hand.kinematics import contact_torques, finger_frames, pads
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hand.kinematics import contact_torques, pad_rotations, pads
+from lerobot_dexflex.hands import Hand
 
 RECENT = 3
 """A finger that carried load so many control steps ago is still taken to hold."""
@@ -47,9 +47,9 @@ class Exertion(NamedTuple):
     """How a grip is realised."""
 
     torques: Tensor
-    """Joint torques [N m]. Shape (batch, 16)."""
+    """Joint torques [N m]. Shape (batch, joints)."""
     push: Tensor
-    """Displacement of the fingertips along the pads' normals [m]. Shape (batch, 4, 3)."""
+    """Displacement of the fingertips along the pads' normals [m]. Shape (batch, fingers, 3)."""
 
 
 class Grip:
@@ -58,10 +58,12 @@ class Grip:
     The forces are those of the fingers on the object. Rows are never written in place.
 
     Args:
+        hand: Whose grip.
         servo: Of the felt load.
     """
 
-    def __init__(self, servo: ServoSettings | None = None) -> None:
+    def __init__(self, hand: Hand, servo: ServoSettings | None = None) -> None:
+        self.hand = hand
         self.servo = servo or ServoSettings()
         self._offset: Tensor | None = None
         self._unloaded: Tensor | None = None
@@ -76,10 +78,13 @@ class Grip:
         self._unloaded = self._unloaded.masked_fill(mask, RECENT)
 
     def feel(self, loads: Tensor) -> Tensor:
-        """Take in the loads of this step and return which fingers hold: now, or a moment ago. (batch, 4).
+        """Take in the loads of this step and return which fingers hold: now, or a moment ago.
 
         Args:
-            loads: Normal force of each fingertip [N]; NaN where it is not known. Shape (batch, 4).
+            loads: Normal force of each fingertip [N]; NaN where it is not known. Shape (batch, fingers).
+
+        Returns:
+            Shape (batch, fingers) bool.
         """
         if self._offset is None or self._unloaded is None:
             self._offset = torch.zeros_like(loads, dtype=torch.float64)
@@ -91,16 +96,16 @@ class Grip:
         """Return torques and displacement for wanted forces; `feel` the loads before.
 
         Args:
-            joints: Measured [rad], float64. Shape (batch, 16).
+            joints: Measured [rad], float64. Shape (batch, joints).
             forces: Wanted contact forces in the palm frame [N]; zero for fingers that are not to press.
-                Shape (batch, 4, 3).
+                Shape (batch, fingers, 3).
             loads: As for `feel`; a finger that is not known is not servoed.
-            points: Where they act [m], (batch, 4, 3); the pads' centres if None.
+            points: Where they act [m], (batch, fingers, 3); the pads' centres if None.
         """
         assert self._offset is not None
         assert self._unloaded is not None
         servo, forces = self.servo, forces.double()
-        centres, inward = pads(LEAP, joints)
+        centres, inward = pads(self.hand, joints)
         wanted = forces.norm(dim=-1)
         pressing = wanted > CONTACT_FORCE
         touching = self._unloaded == 0
@@ -108,35 +113,38 @@ class Grip:
         step = torch.where(touching, error, servo.back)
         step = torch.where(pressing & loads.isfinite(), step, -servo.release)
         self._offset = (self._offset + step).clamp(0.0, servo.limit)
-        torques = contact_torques(LEAP, joints, centres if points is None else points, forces)
+        torques = contact_torques(self.hand, joints, centres if points is None else points, forces)
         return Exertion(torques, self._offset[..., None] * inward)
 
 
-def centres_of_pressure(joints: Tensor, tactile: Tensor) -> Tensor:
-    """Return where fingertips are pressed, the pads' centres where they are not [m]. Shape (batch, 4, 3).
+def centres_of_pressure(hand: Hand, joints: Tensor, tactile: Tensor) -> Tensor:
+    """Return where fingertips are pressed, the pads' centres where they are not [m].
 
     Args:
-        joints: Measured [rad], float64. Shape (batch, 16).
-        tactile: Taxels [N]; NaN where they are not known. Shape (batch, 240).
+        hand: Whose fingertips.
+        joints: Measured [rad], float64. Shape (batch, joints).
+        tactile: Taxels [N]; NaN where they are not known. Shape (batch, fingers x taxels).
+
+    Returns:
+        Shape (batch, fingers, 3).
     """
-    taxels = tactile.double().nan_to_num().clamp(min=0).reshape(-1, 4, *LEAP.taxels)
+    taxels = tactile.double().nan_to_num().clamp(min=0).reshape(-1, hand.n_fingers, *hand.taxels)
     along, across = (
         pitch * (torch.arange(count, device=taxels.device) - (count - 1) / 2)
-        for pitch, count in zip(LEAP.taxel_pitch, LEAP.taxels, strict=True)
+        for pitch, count in zip(hand.taxel_pitch, hand.taxels, strict=True)
     )
     total = taxels.sum((-1, -2)).clamp(min=CONTACT_FORCE)
     offset = torch.stack(
         [(taxels.sum(-1) * along).sum(-1) / total, (taxels.sum(-2) * across).sum(-1) / total], -1
     )
-    frames = finger_frames(LEAP, joints).distal_rotation  # Pads look along -x, their tips lie along -y.
-    centres = pads(LEAP, joints)[0]
-    return centres - offset[..., :1] * frames[..., 1] + offset[..., 1:] * frames[..., 2]
+    rotation, centres = pad_rotations(hand, joints), pads(hand, joints)[0]
+    return centres + offset[..., :1] * rotation[..., 0] + offset[..., 1:] * rotation[..., 1]
 
 
-def loads_of(tactile: Tensor) -> Tensor:
-    """Return the normal force of each fingertip [N], (batch, 4), of taxels (batch, 240) or (batch, 4, ...).
+def loads_of(hand: Hand, tactile: Tensor) -> Tensor:
+    """Return the normal force of each fingertip [N], (batch, fingers), of taxels (batch, fingers x taxels).
 
-    It is NaN where a taxel reports no finite number.
+    They may be any shape (batch, ...) of that size. It is NaN where a taxel reports no finite number.
     """
-    loads = tactile.reshape(len(tactile), 4, -1).sum(-1)
+    loads = tactile.reshape(len(tactile), hand.n_fingers, -1).sum(-1)
     return loads.masked_fill(~loads.isfinite(), torch.nan)

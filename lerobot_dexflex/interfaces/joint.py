@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from torch import Tensor
 
 from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.hands import LEAP
-from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS, CommandedInterface, check_draft
+from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, check_draft
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 
@@ -17,11 +16,13 @@ class JointInterface(CommandedInterface):
     command_space: CommandSpace = "joint"
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
-        """Return the draft's first joint targets [rad], shape (batch, 16); see `Interface.step`."""
+        """Return the draft's first joint targets [rad], shape (batch, joints); see `Interface.step`."""
         with self.all_or_nothing():
             measured = self._hand.look(observation)
             rows = len(measured.joints)
-            targets = check_draft(draft, (N_JOINTS,), rows, "absolute hand joint targets [rad]")[:, 0]
+            targets = check_draft(draft, (self.hand.n_joints,), rows, "absolute hand joint targets [rad]")[
+                :, 0
+            ]
             joints = self._hand.execute(targets)
-        self._motion = fingertips(LEAP, joints) - measured.tips
+        self._motion = fingertips(self.hand, joints) - measured.tips
         return joints.to(draft.dtype)

@@ -12,7 +12,7 @@ from lerobot_dexflex.controller import DexFlexController, History, HistoryBuffer
 from lerobot_dexflex.conventions import FINGERTIPS, TACTILE
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import pads
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.draft_watch import DRAFT_HEALTH, DraftReading, DraftWatch, checked_draft
@@ -34,12 +34,12 @@ class Sensed(NamedTuple):
     history: History
     """What the networks see of the past."""
     drafts_history: Tensor
-    """First steps of earlier drafts, oldest first [m]. Shape (batch, 8, 4, 3)."""
+    """First steps of earlier drafts, oldest first [m]. Shape (batch, 8, fingers, 3)."""
     draft: DraftReading
     """Once `LearnedInterface._without_squeeze` has seen it, motion alone."""
     touch: TouchReading
     squeeze: Tensor
-    """What of the draft was found to be squeeze [m]. Shape (batch, 4, 3)."""
+    """What of the draft was found to be squeeze [m]. Shape (batch, fingers, 3)."""
 
 
 class LearnedInterface(CommandedInterface):
@@ -50,16 +50,23 @@ class LearnedInterface(CommandedInterface):
     `FreeFingers`). `explanation` tells.
 
     Args:
+        hand: The hand that it serves.
         controller: The controller, its folder or hub id; the shipped one if None. A folder's is loaded once
             and shared: interfaces keep what they remember beside it.
+
+    Raises:
+        DexFlexError: If the controller is missing, damaged or one of another hand.
     """
 
-    def __init__(self, controller: DexFlexController | str | Path | None) -> None:
-        super().__init__()
+    def __init__(self, hand: Hand, controller: DexFlexController | str | Path | None) -> None:
+        super().__init__(hand)
+        source = "The controller"
         if not isinstance(controller, DexFlexController):
-            controller = shared_controller(find_controller(controller))
+            folder = find_controller(controller)
+            source, controller = f"The controller in {folder}", shared_controller(folder)
+        controller.config.check(hand, source)
         self.controller = controller.eval()
-        self._touch, self._drafts, self._past = TouchWatch(), DraftWatch(), HistoryBuffer()
+        self._touch, self._drafts, self._past = TouchWatch(hand), DraftWatch(), HistoryBuffer(hand)
         self._fingers = FreeFingers()
         self._explanation: Explanation | None = None
 
@@ -89,7 +96,7 @@ class LearnedInterface(CommandedInterface):
         """Take in this step's observation and draft."""
         measured = self._hand.look(observation)
         joints, tips = measured
-        checked = checked_draft(draft, len(joints))
+        checked = checked_draft(self.hand, draft, len(joints))
         if self.controller.scale.scale.device != joints.device:  # Asking each weight costs a millisecond.
             self._move(joints.device)
         touch = self._touch.look(observation, len(joints))
@@ -109,8 +116,8 @@ class LearnedInterface(CommandedInterface):
             self._past.remember(draft)
             return sensed
         found = self.controller.squeeze(state, draft.float()).double()
-        touching = (loads_of(sensed.touch.tactile) > CONTACT_FORCE) | history.tactile_missing
-        inward = pads(LEAP, sensed.measured.joints)[1]
+        touching = (loads_of(self.hand, sensed.touch.tactile) > CONTACT_FORCE) | history.tactile_missing
+        inward = pads(self.hand, sensed.measured.joints)[1]
         pressed = torch.minimum((found * inward).sum(-1), (draft[:, 0] * inward).sum(-1))
         squeezes = touching & (pressed > LEAST_SQUEEZE)
         squeeze = torch.where(squeezes[..., None], found, 0.0)
@@ -119,15 +126,15 @@ class LearnedInterface(CommandedInterface):
         return sensed._replace(draft=sensed.draft._replace(draft=motion), squeeze=squeeze)
 
     def _free(self, sensed: Sensed, history: History) -> Tensor:
-        """Return which fingers follow their draft as it came. (batch, 4) bool; call it once per step."""
+        """Return which fingers follow their draft as it came, (batch, fingers); call it once per step."""
         late = sensed.draft.health == DRAFT_HEALTH.index("late")
-        inward = pads(LEAP, sensed.measured.joints)[1]
+        inward = pads(self.hand, sensed.measured.joints)[1]
         return self._fingers.look(sensed.draft.draft, self._loads(sensed, history), inward, late)
 
-    @staticmethod
-    def _loads(sensed: Sensed, history: History) -> Tensor:
-        """Return the felt load of each finger [N], NaN where touch is missing. Shape (batch, 4)."""
-        return loads_of(sensed.touch.tactile).double().masked_fill(history.tactile_missing, torch.nan)
+    def _loads(self, sensed: Sensed, history: History) -> Tensor:
+        """Return the felt load of each finger [N], NaN where touch is missing. Shape (batch, fingers)."""
+        loads = loads_of(self.hand, sensed.touch.tactile).double()
+        return loads.masked_fill(history.tactile_missing, torch.nan)
 
     def _explain(
         self,
@@ -137,10 +144,10 @@ class LearnedInterface(CommandedInterface):
         forces: Tensor | None = None,
         choice: Choice | None = None,
     ) -> None:
-        """Note why the motion [m] (batch, 4, 3) was executed, of fingers of which some were free."""
+        """Note why the motion [m] (batch, fingers, 3) was executed, of fingers of which some were free."""
         change = relative_change(self.gain * motion, sensed.draft.draft[:, 0])
-        touch, draft = sensed.touch.health, sensed.draft.health
-        self._explanation = Explanation(change, touch, draft, sensed.squeeze, free, forces, choice)
+        touch, draft, names = sensed.touch.health, sensed.draft.health, self.hand.finger_names
+        self._explanation = Explanation(names, change, touch, draft, sensed.squeeze, free, forces, choice)
 
 
 def shared_controller(folder: Path) -> DexFlexController:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.options import written
 from lerobot_dexflex.interfaces.protocol import CommandSpace, Interface
@@ -99,16 +100,17 @@ class Method:
         folder = find_controller(controller, self.entry.files)
         return tuple(folder / file for file in self.entry.files)
 
-    def make(self, controller: str | Path | None = None) -> Interface:
+    def make(self, hand: Hand, controller: str | Path | None = None) -> Interface:
         """Build the interface; its `name` is the method's.
 
         Args:
+            hand: The hand that it is to serve.
             controller: Folder or hub id of the controller, if it needs one; the shipped one if empty.
 
         Raises:
             DexFlexError: If the controller is missing or damaged, or an option is out of its range.
         """
-        arguments = dict(self.options)
+        arguments = {"hand": hand, **dict(self.options)}
         if self.learned:
             arguments["controller"] = find_controller(controller, self.entry.files)
         if self.ablation:
@@ -120,9 +122,9 @@ class Method:
         return interface
 
 
-def make_interface(name: str, controller: str | Path | None = None) -> Interface:
+def make_interface(hand: Hand, name: str, controller: str | Path | None = None) -> Interface:
     """Build an interface by the name of a method; see `Method.parse` and `Method.make`."""
-    return Method.parse(name).make(controller)
+    return Method.parse(name).make(hand, controller)
 
 
 def require_drafts(name: str) -> Method:

@@ -12,16 +12,16 @@ class Plan(NamedTuple):
     """A chosen chunk, how much of it is done, and why it was chosen."""
 
     targets: Tensor
-    """Where the fingertips should be, palm frame [m]. Shape (batch, horizon, 4, 3)."""
+    """Where the fingertips should be, palm frame [m]. Shape (batch, horizon, fingers, 3)."""
     choice: Choice
     age: Tensor
     """Steps that were executed. Shape (batch,)."""
 
     def motion(self, tips: Tensor) -> Tensor:
-        """Return what is left of the plan from where the tips are, its last step held (batch, horizon, 4, 3).
+        """Return what is left of the plan from where the tips are, its last step held.
 
         Args:
-            tips: Measured fingertips [m]. Shape (batch, 4, 3).
+            tips: Measured fingertips [m]. Shape (batch, fingers, 3).
         """
         steps = torch.arange(self.targets.shape[1], device=tips.device)
         ahead = (self.age[:, None] + steps).clamp(max=len(steps) - 1)

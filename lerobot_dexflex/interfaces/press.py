@@ -8,7 +8,7 @@ from torch import Tensor
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import pads
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured, check_draft
 from lerobot_dexflex.interfaces.grip import NO_SERVO, Grip, ServoSettings, loads_of
 from lerobot_dexflex.interfaces.raw import MEANING
@@ -47,16 +47,19 @@ class PressInterface(CommandedInterface):
     is held. It is the baseline for whoever supplies the grip.
 
     Args:
+        hand: The hand that it serves.
         settings: Force and rules.
         servo: Of the felt load; none if None.
     """
 
     name: str = "press"
 
-    def __init__(self, settings: PressSettings | None = None, servo: ServoSettings | None = None) -> None:
-        super().__init__()
+    def __init__(
+        self, hand: Hand, settings: PressSettings | None = None, servo: ServoSettings | None = None
+    ) -> None:
+        super().__init__(hand)
         self.settings = settings or PressSettings()
-        self._grip = Grip(servo or NO_SERVO)
+        self._grip = Grip(hand, servo or NO_SERVO)
         self._average: Tensor | None = None
 
     def reset(self, mask: Tensor | None = None) -> None:
@@ -74,17 +77,18 @@ class PressInterface(CommandedInterface):
         """Return the joint targets of the draft's first step and the grip; see `Interface.step`."""
         with self.all_or_nothing(self._grip):
             measured = self._hand.look(observation)
-            rows = len(measured.joints)
-            checked, taxels = check_draft(draft, (4, 3), rows, MEANING), checked_taxels(observation, rows)
+            rows, fingers = len(measured.joints), self.hand.n_fingers
+            checked = check_draft(draft, (fingers, 3), rows, MEANING)
+            taxels = checked_taxels(self.hand, observation, rows)
             if taxels is None:
-                loads = torch.full((rows, 4), torch.nan, dtype=torch.float64, device=measured.joints.device)
+                loads = torch.full_like(measured.tips[..., 0], torch.nan)
             else:
-                loads = loads_of(taxels).double()
+                loads = loads_of(self.hand, taxels).double()
             return self._press(measured, checked, loads).to(draft.dtype)
 
     def _press(self, measured: Measured, draft: Tensor, loads: Tensor) -> Tensor:
         settings = self.settings
-        inward = pads(LEAP, measured.joints)[1]
+        inward = pads(self.hand, measured.joints)[1]
         holding = self._grip.feel(loads)
         motion = self._smooth(draft[:, 0])
         if settings.release:
@@ -107,6 +111,7 @@ class PressInterface(CommandedInterface):
 
 
 def make_press(
+    hand: Hand,
     force: float = PressSettings.force,
     release: float = PressSettings.release,
     blocked: bool = PressSettings.blocked,
@@ -117,4 +122,4 @@ def make_press(
 ) -> PressInterface:
     """Build the interface from the words of a method's name; see `PressSettings` and `ServoSettings`."""
     settings = PressSettings(force, release, blocked, smoothing)
-    return PressInterface(settings, ServoSettings(servo, back, limit=limit))
+    return PressInterface(hand, settings, ServoSettings(servo, back, limit=limit))

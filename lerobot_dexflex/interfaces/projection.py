@@ -6,6 +6,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, Measured, check_draft
 from lerobot_dexflex.interfaces.contact_projection import (
     PAST_DRAFTS,
@@ -26,9 +27,9 @@ away, or nothing that is asked later would show for long."""
 class _Memory(NamedTuple):
     """What is remembered of a row, newest first."""
 
-    command: Tensor  # Commanded fingertips [m], (batch, 4, 3).
-    loads: Tensor  # (batch, WINDOW, 4)
-    drafts: Tensor  # First displacements, (batch, PAST_DRAFTS, 4, 3).
+    command: Tensor  # Commanded fingertips [m], (batch, fingers, 3).
+    loads: Tensor  # (batch, WINDOW, fingers)
+    drafts: Tensor  # First displacements, (batch, PAST_DRAFTS, fingers, 3).
 
 
 class ProjectionInterface(CommandedInterface):
@@ -39,15 +40,16 @@ class ProjectionInterface(CommandedInterface):
     and motion shrink together: they are not apart here. Satisfies `Interface`.
 
     Args:
+        hand: The hand that it serves.
         settings: Of the projection.
     """
 
     name: str = "projection"
 
-    def __init__(self, settings: ProjectionSettings | None = None) -> None:
-        super().__init__()
+    def __init__(self, hand: Hand, settings: ProjectionSettings | None = None) -> None:
+        super().__init__(hand)
         self.settings = settings or ProjectionSettings()
-        self._touch = TouchWatch()
+        self._touch = TouchWatch(hand)
         self._memory: _Memory | None = None
         self._forgotten: Tensor | None = None
 
@@ -66,9 +68,9 @@ class ProjectionInterface(CommandedInterface):
         with self.all_or_nothing(self._touch):
             measured = self._hand.look(observation)
             rows = len(measured.joints)
-            checked = check_draft(draft, (4, 3), rows, MEANING)
+            checked = check_draft(draft, (self.hand.n_fingers, 3), rows, MEANING)
             touch = self._touch.look(observation, rows)
-            loads = loads_of(touch.tactile).to(measured.joints)
+            loads = loads_of(self.hand, touch.tactile).to(measured.joints)
             return self._project(measured, checked, loads, touch.missing).to(draft.dtype)
 
     def _project(self, measured: Measured, draft: Tensor, loads: Tensor, missing: Tensor) -> Tensor:
@@ -76,7 +78,7 @@ class ProjectionInterface(CommandedInterface):
         command, past, drafts = self._recall(tips, loads)
         asked = torch.diff(tips[:, None] + draft, dim=1, prepend=command[:, None])
         grasp = Grasp(measured.joints, tips, past, missing, drafts)
-        lead = command + project_draft(asked, grasp, self.settings) - tips
+        lead = command + project_draft(self.hand, asked, grasp, self.settings) - tips
         lead = lead * (RUNAWAY / lead.norm(dim=-1, keepdim=True).clamp(min=RUNAWAY))
         joints = self.move(measured, lead)
         self._memory = _Memory(tips + lead, past, torch.cat([asked[:, :1], drafts[:, :-1]], 1))
@@ -95,6 +97,6 @@ class ProjectionInterface(CommandedInterface):
         return _Memory(*[torch.where(new.view(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs])
 
 
-def make_projection(**gains: float) -> ProjectionInterface:
+def make_projection(hand: Hand, **gains: float) -> ProjectionInterface:
     """Build the interface from the words of a method's name; see `ProjectionSettings`."""
-    return ProjectionInterface(ProjectionSettings(**gains))
+    return ProjectionInterface(hand, ProjectionSettings(**gains))

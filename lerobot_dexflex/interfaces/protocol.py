@@ -5,15 +5,17 @@ from typing import Literal, Protocol
 
 from torch import Tensor
 
+from lerobot_dexflex.hands import Hand
+
 CommandSpace = Literal["joint", "draft"]
 """`joint`: drafts are absolute joint targets. `draft`: they say where the fingertips should be."""
 
 
 class Interface(Protocol):
-    """Turn a policy's draft into hand joint targets, once per control step, for a batch of hands.
+    """Turn a policy's draft into hand joint targets, once per control step, for a batch of hands of one kind.
 
-    Observations are in raw units: `observation.state` (batch, 23) or (batch, 16) [rad], of which the last
-    16 are the hand's, `observation.tactile` (batch, 240) [N] and `observation.gravity` (batch, 3). An
+    Observations are in raw units: `observation.state` (batch, >= joints) [rad], of which the last are the
+    hand's, `observation.tactile` (batch, fingers x taxels) [N] and `observation.gravity` (batch, 3). An
     interface reads only the keys it needs; where the fingertips are follows from the joints.
 
     A draft says for each of the next control steps where every fingertip should be, relative to where it is
@@ -21,6 +23,8 @@ class Interface(Protocol):
     interface's business. Nothing has to be told to an interface before the first step.
     """
 
+    hand: Hand
+    """The hand that it serves."""
     name: str
     command_space: CommandSpace
 
@@ -28,7 +32,7 @@ class Interface(Protocol):
     def motion(self) -> Tensor | None:
         """Motion of the fingertips that the last step asked of the hand, beside any grip.
 
-        From where they were measured, in the palm frame [m], (batch, 4, 3); None before the first step.
+        From where they were measured, in the palm frame [m], (batch, fingers, 3); None before the first step.
         """
         ...
 
@@ -41,12 +45,12 @@ class Interface(Protocol):
 
         Args:
             observation: The current observation of every row, raw units.
-            draft: Shape (batch, horizon, 16), joint targets [rad], or (batch, horizon, 4, 3), where the
-                fingertips should be after 1, 2, ... control steps, minus where they are measured now, in the
-                palm frame [m], by `command_space`.
+            draft: By `command_space`: (batch, horizon, joints), joint targets [rad], or (batch, horizon,
+                fingers, 3), where the fingertips should be after 1, 2, ... control steps, minus where they
+                are measured now, in the palm frame [m].
 
         Returns:
-            Hand joint targets [rad], in the draft's dtype. Shape (batch, 16).
+            Hand joint targets [rad], in the draft's dtype. Shape (batch, joints).
 
         Raises:
             DexFlexError: If the draft or observation has a wrong shape, NaN or infinity, or lacks a key, or

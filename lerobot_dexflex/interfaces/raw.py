@@ -6,7 +6,7 @@ from torch import Tensor
 
 from lerobot_dexflex.interfaces.commanded_hand import CommandedInterface, check_draft
 
-MEANING = "where the four fingertips should be, relative to where they are measured [m]"
+MEANING = "where the fingertips should be, relative to where they are measured [m]"
 
 
 class RawInterface(CommandedInterface):
@@ -22,5 +22,5 @@ class RawInterface(CommandedInterface):
         """Return the joint targets of the draft's first step; see `Interface.step`."""
         with self.all_or_nothing():
             measured = self._hand.look(observation)
-            checked = check_draft(draft, (4, 3), len(measured.joints), MEANING)
+            checked = check_draft(draft, (self.hand.n_fingers, 3), len(measured.joints), MEANING)
             return self.move(measured, checked[:, 0]).to(draft.dtype)

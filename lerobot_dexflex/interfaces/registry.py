@@ -16,8 +16,8 @@ class InterfaceEntry:
     module: str
     """Full name of its module."""
     maker: str
-    """Class in the module, or function that returns the interface, called with the options; also with
-    `controller` if there are `files`, and with `ablation` if there are ablations."""
+    """Class in the module, or function that returns the interface, called with `hand` and the options; also
+    with `controller` if there are `files`, and with `ablation` if there are ablations."""
     command_space: CommandSpace
     """What its drafts are."""
     files: tuple[str, ...] = ()

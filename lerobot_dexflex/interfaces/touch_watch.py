@@ -1,23 +1,24 @@
 """Notice fingers whose touch cannot be trusted, before a network believes it."""
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.conventions import FINGER_NAMES, TACTILE
+from lerobot_dexflex.conventions import TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.touch import TouchConfig
+from lerobot_dexflex.hands import Hand
 
-TAXELS = 60
 TOUCH_HEALTH = ("ok", "missing", "frozen", "saturated")
 """What a finger's touch can be; `TouchReading.health` holds indices into it."""
 FROZEN_STEPS = 5
 """A finger that reports the same non-zero taxels, bit for bit, this often in a row is frozen [control step]:
 while it touches something, a live sensor has noise. All zero is what a live finger in the air reports."""
 SATURATED_TAXELS = 15
-"""A finger with so many of its 60 taxels at full scale would carry 15 N or more: no hand presses so."""
+"""A finger with so many of its taxels at full scale would carry 15 N or more: no hand presses so."""
 
 _OK, _MISSING, _FROZEN, _SATURATED = range(len(TOUCH_HEALTH))
 
@@ -26,13 +27,14 @@ class TouchReading(NamedTuple):
     """Taxels that are safe to compute with."""
 
     tactile: Tensor
-    """Taxel forces [N], finite; of a finger that is not well the last good ones. Shape (batch, 240)."""
+    """Taxel forces [N], finite; of a finger that is not well the last good ones.
+    Shape (batch, fingers x taxels)."""
     health: Tensor
-    """Index into `TOUCH_HEALTH` per finger. Shape (batch, 4)."""
+    """Index into `TOUCH_HEALTH` per finger. Shape (batch, fingers)."""
 
     @property
     def missing(self) -> Tensor:
-        """True for fingers whose touch must not be used. Shape (batch, 4)."""
+        """True for fingers whose touch must not be used. Shape (batch, fingers)."""
         return self.health != _OK
 
 
@@ -43,13 +45,18 @@ class TouchWatch:
     the networks look back.
 
     Args:
+        hand: Whose fingers.
         frozen_steps: See `FROZEN_STEPS`.
         full_scale: Largest force that a taxel reports [N].
     """
 
     def __init__(
-        self, frozen_steps: int = FROZEN_STEPS, full_scale: float = TouchConfig().saturation
+        self,
+        hand: Hand,
+        frozen_steps: int = FROZEN_STEPS,
+        full_scale: float = TouchConfig().saturation,
     ) -> None:
+        self.hand = hand
         self._frozen_steps, self._full_scale = frozen_steps, full_scale
         self._last: Tensor | None = None
         self._good: Tensor | None = None
@@ -68,17 +75,17 @@ class TouchWatch:
         """Judge this step's touch; call it once per control step.
 
         Args:
-            observation: May hold `observation.tactile` [N], shape (rows, 240); without it every finger's
-                touch is missing.
+            observation: May hold `observation.tactile` [N], shape (rows, fingers x taxels); without it the
+                touch of every finger is missing.
             rows: Number of hands.
         """
-        taxels = checked_taxels(observation, rows)
+        taxels = checked_taxels(self.hand, observation, rows)
         if taxels is None:
-            like = next(iter(observation.values()))
-            taxels = torch.full((rows, len(FINGER_NAMES), TAXELS), torch.nan, device=like.device)
+            shape, like = (rows, *_shape_of(self.hand)), next(iter(observation.values()))
+            taxels = torch.full(shape, torch.nan, device=like.device)
         if self._last is None or self._good is None or self._repeats is None:
             self._last = self._good = torch.zeros_like(taxels)
-            self._repeats = torch.zeros(rows, len(FINGER_NAMES), dtype=torch.int64, device=taxels.device)
+            self._repeats = torch.zeros(taxels.shape[:2], dtype=torch.int64, device=taxels.device)
         same = (taxels == self._last).all(-1) & (taxels != 0).any(-1)
         self._repeats = torch.where(same, self._repeats + 1, torch.zeros_like(self._repeats))
         self._last = taxels
@@ -92,18 +99,25 @@ class TouchWatch:
         return TouchReading(self._good.flatten(1), health)
 
 
-def checked_taxels(observation: Mapping[str, Tensor], rows: int) -> Tensor | None:
-    """Return the taxels as (rows, 4, 60), which may hold NaN, or None without the key.
+def checked_taxels(hand: Hand, observation: Mapping[str, Tensor], rows: int) -> Tensor | None:
+    """Return the taxels as (rows, fingers, taxels), which may hold NaN, or None without the key.
 
     Raises:
         DexFlexError: If they have another shape.
     """
     if TACTILE not in observation:
         return None
-    taxels = observation[TACTILE]
-    if tuple(taxels.shape) != (rows, len(FINGER_NAMES) * TAXELS):
+    taxels, (fingers, each) = observation[TACTILE], _shape_of(hand)
+    if tuple(taxels.shape) != (rows, fingers * each):
+        grid = " x ".join(map(str, hand.taxels))
         raise DexFlexError(
-            f"'{TACTILE}' must have shape ({rows}, {len(FINGER_NAMES) * TAXELS}): 10 x 6 taxels each [N]. "
-            f"Got {tuple(taxels.shape)}. Leave the key out if there is no touch."
+            f"'{TACTILE}' must have shape ({rows}, {fingers * each}): {grid} taxels [N] of each of the "
+            f"{fingers} fingers of '{hand.name}'. Got {tuple(taxels.shape)}. Leave the key out if there is "
+            "no touch."
         )
-    return taxels.float().unflatten(1, (len(FINGER_NAMES), TAXELS))
+    return taxels.float().unflatten(1, (fingers, each))
+
+
+def _shape_of(hand: Hand) -> tuple[int, int]:
+    """Return the number of fingers, and of taxels on each."""
+    return hand.n_fingers, math.prod(hand.taxels)

@@ -17,6 +17,7 @@ class WrappedInterface[Inner: Interface]:
 
     def __init__(self, inner: Inner) -> None:
         self.inner = inner
+        self.hand = inner.hand
         self.name: str = inner.name
         self.command_space: CommandSpace = inner.command_space
 

@@ -23,8 +23,8 @@ from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command, fingertips_of
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces import Interface, make_interface
-from lerobot_dexflex.interfaces.commanded_hand import N_JOINTS
 from lerobot_dexflex.recording.schema import columns, privileged_columns, rounded
 
 
@@ -72,6 +72,7 @@ class Take:
 
     def __init__(self, env: gymnasium.Env, seed: int, hand: GlovedHand, keep: bool) -> None:
         self._env, self._hand, self._keep, self.seed = env, hand, keep, seed
+        self._robot: Hand = env.get_wrapper_attr("hand")
         self.observation, self.info = env.reset(seed=seed)
         self.steps = 0
         self._frames: list[dict[str, NDArray]] = []
@@ -85,7 +86,8 @@ class Take:
         """Execute a command; return whether the environment says that the episode is over."""
         command = self._hand.move(self.observation, command)
         if self._keep:
-            self._frames.append(_frame(self.observation, command, self._env.get_wrapper_attr("pad_forces")))
+            loads = self._env.get_wrapper_attr("pad_forces")
+            self._frames.append(_frame(self._robot, self.observation, command, loads))
         self.observation, _, terminated, truncated, self.info = self._env.step(command.executed)
         self.steps += 1
         return terminated or truncated
@@ -97,13 +99,15 @@ class Take:
             index: Its number.
             kept: Whether it is an episode of the dataset.
         """
-        table = columns(self._env.get_wrapper_attr("joints")) | privileged_columns()
+        robot = self._robot
+        table = columns(robot, self._env.get_wrapper_attr("joints")) | privileged_columns(robot)
         frames = _stack(self._frames, table) if self._frames and kept else {}
         progress = float(self.info["progress"])
         return Attempt(index, self.seed, self.success, self.steps, progress, frames, kept)
 
 
 def run_attempt(
+    hand: Hand,
     task: str,
     seed: int,
     index: int,
@@ -116,6 +120,7 @@ def run_attempt(
     """Let the expert attempt the task once.
 
     Args:
+        hand: The hand that does it.
         task: Name in `TASKS`.
         seed: Seed of the recording; the episode starts from environment seed `seed + index`.
         index: Number of the attempt.
@@ -130,11 +135,11 @@ def run_attempt(
     """
     expert = make_expert(task)
     options: dict[str, Any] = {} if cameras else {"cameras": ()}
-    env = gymnasium.make(f"{NAMESPACE}/{task}", disable_env_checker=True, **options)
+    env = gymnasium.make(f"{NAMESPACE}/{task}", hand=hand, disable_env_checker=True, **options)
     try:
-        errors, below = CommandErrors.parse(glove), _interface(interface, controller)
-        hand = GlovedHand(below, errors, (seed, index, 1), check_source(source))
-        return _run(env, expert, seed, index, cameras, hand)
+        errors, below = CommandErrors.parse(glove), _interface(hand, interface, controller)
+        gloved = GlovedHand(hand, below, errors, (seed, index, 1), check_source(source))
+        return _run(env, expert, seed, index, cameras, gloved)
     finally:
         env.close()
 
@@ -151,9 +156,9 @@ def one_thread() -> Iterator[None]:
 
 
 @functools.cache
-def _interface(name: str, controller: str) -> Interface:
+def _interface(hand: Hand, name: str, controller: str) -> Interface:
     """Return this process's interface; a controller takes a second to load."""
-    return make_interface(name, controller)
+    return make_interface(hand, name, controller)
 
 
 def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool, hand: GlovedHand) -> Attempt:
@@ -164,11 +169,11 @@ def _run(env: gymnasium.Env, expert: Any, seed: int, index: int, keep: bool, han
     return take.attempt(index, kept=take.success)
 
 
-def _frame(observation: dict[str, Any], command: Command, loads: NDArray) -> dict[str, NDArray]:
+def _frame(hand: Hand, observation: dict[str, Any], command: Command, loads: NDArray) -> dict[str, NDArray]:
     images = {f"observation.images.{name}": image for name, image in observation["pixels"].items()}
     numbers = {key: observation[name] for name, key in LEROBOT_KEYS.items()}
     joints = command.joint_targets
-    action = np.concatenate([joints, fingertips_of(joints[-N_JOINTS:]).ravel()])
+    action = np.concatenate([joints, fingertips_of(hand, joints[-hand.n_joints :]).ravel()])
     privileged = {"operator.draft": command.draft[0].ravel(), "contact.loads": loads}
     return images | numbers | {"action": action} | privileged
 

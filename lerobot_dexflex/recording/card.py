@@ -8,12 +8,17 @@ from huggingface_hub import DatasetCardData
 
 from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.envs.registration import TASKS
-from lerobot_dexflex.hand.model import robot_joints
-from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.recording.config import RecordConfig
 from lerobot_dexflex.recording.recipe import SIMULATED
-from lerobot_dexflex.recording.schema import ANGLE_STEP, FORCE_STEP, LENGTH_STEP, columns, privileged_columns
+from lerobot_dexflex.recording.schema import (
+    ANGLE_STEP,
+    FORCE_STEP,
+    LENGTH_STEP,
+    columns,
+    privileged_columns,
+    robot_of,
+)
 from lerobot_dexflex.recording.staging import RECORD_FILE, program_of
 from lerobot_dexflex.runs.statistics import success_rate
 
@@ -122,7 +127,6 @@ def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
         tags=["LeRobot", "dexterous", "tactile", "simulation"],
         configs=[{"config_name": "default", "data_files": "data/*/*.parquet"}],
     )
-    robot = {"leap_xarm7": "tactile LEAP hand on an xArm7", "leap": "tactile LEAP hand"}[info["robot_type"]]
     return _TEMPLATE.format(
         front_matter=data.to_yaml().strip(),
         repo_id=recipe["repo_id"],
@@ -131,7 +135,7 @@ def _card(record: dict[str, Any], info: dict[str, Any]) -> str:
         first_seed=recipe["seed"],
         last_attempt=expert["attempts"] - 1,
         description=TASKS[recipe["task"]].description,
-        robot=robot,
+        robot=_robot(info["robot_type"]),
         episodes=record["episodes"],
         frames=info["total_frames"],
         fps=info["fps"],
@@ -193,13 +197,15 @@ def _passed_through(record: dict[str, Any], what: str) -> str:
     return _INTERFACE.format(what=_WHAT[what], interface=interface, controller=controller)
 
 
+def _robot(robot_type: str) -> str:
+    hand, joints = robot_of(robot_type)
+    robot = f"tactile {hand.name.upper()} hand"
+    return robot if joints == hand.joint_names else f"{robot} on an xArm7"
+
+
 def _rows(info: dict[str, Any]) -> list[str]:
     features = info["features"]
-    joints = (
-        robot_joints(LEAP)
-        if features["observation.state"]["shape"][0] == len(robot_joints(LEAP))
-        else LEAP.joint_names
-    )
+    hand, joints = robot_of(info["robot_type"])
     images = [key for key in features if key.startswith("observation.images.")]
     rows = []
     for key in images:
@@ -207,6 +213,6 @@ def _rows(info: dict[str, Any]) -> list[str]:
         encoding = features[key]["info"]
         video = f"{encoding['video.codec']}, key frame every {encoding['video.g']} frames"
         rows.append(f"| `{key}` | {shape} video | RGB | camera `{key.rsplit('.', 1)[1]}`; {video} |")
-    for key, column in (columns(joints) | privileged_columns()).items():
+    for key, column in (columns(hand, joints) | privileged_columns(hand)).items():
         rows.append(f"| `{key}` | {len(column.names)} | {column.unit} | {column.meaning} |")
     return rows

@@ -19,8 +19,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.model import robot_joints
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.recording.attempt import Attempt, attempt_path, load_attempt
 from lerobot_dexflex.recording.card import write_card
 from lerobot_dexflex.recording.integrity import DamagedDatasetError, check_dataset
@@ -134,15 +133,16 @@ def _write_episodes(
 ) -> None:
     av.logging.set_libav_level(av.logging.PANIC)  # LeRobot's encoder threads let x264 talk otherwise.
     disable_progress_bars()
-    joints = robot_joints(LEAP) if TASKS[config.task].joints == len(robot_joints(LEAP)) else LEAP.joint_names
+    hand = get_hand(config.hand)
+    joints = TASKS[config.task].joints(hand)
     first = load_attempt(attempt_path(staging, kept[0].index)).frames
     images = {key: frames.shape[1:] for key, frames in first.items() if key.startswith("observation.images.")}
     dataset = LeRobotDataset.create(
         config.repo_id,
         fps=FPS,
-        features=lerobot_features(columns(joints) | privileged_columns(), images),
+        features=lerobot_features(columns(hand, joints) | privileged_columns(hand), images),
         root=build,
-        robot_type=robot_type(joints),
+        robot_type=robot_type(hand, joints),
         rgb_encoder=RGBEncoderConfig(
             vcodec="h264",
             pix_fmt="yuv420p",

@@ -9,6 +9,7 @@ import pandas as pd
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module, make_expert
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.recording.attempt import Attempt, run_attempt
 from lerobot_dexflex.recording.schema import FPS
@@ -21,6 +22,7 @@ COLUMNS = ("success", "steps", "seconds", "progress_final")
 
 
 def expert_rate(
+    hand: Hand,
     task: str,
     episodes: int,
     seed: int,
@@ -32,6 +34,7 @@ def expert_rate(
     """Let the expert attempt `episodes` initial states without cameras; returns their rows.
 
     Args:
+        hand: The hand that does it.
         task: Name in `TASKS`.
         episodes: Number of initial states.
         seed: Attempt k starts from environment seed `seed + k`, which also counts its row.
@@ -52,9 +55,11 @@ def expert_rate(
         raise DexFlexError(f"`seed` must not be negative. Got {seed}.")
     own = Method.parse("joint").modules
     modules = (__name__, run_attempt.__module__, TASKS[task].module, expert_module(task), *own)
-    version = method_version(modules, first_seed=seed)  # The expert's noise is drawn from it and k.
+    version = method_version(
+        modules, first_seed=seed, hand=hand.name
+    )  # The expert's noise is drawn from it and k.
     jobs = [Job(METHOD, version.name, task, CONDITION, (seed + k,)) for k in range(episodes)]
-    attempt = run or functools.partial(run_attempt, task, seed, cameras=False)
+    attempt = run or functools.partial(run_attempt, hand, task, seed, cameras=False)
     work = functools.partial(_run_job, attempt, seed)
     return run_missing(table, COLUMNS, jobs, [version], work, workers, quiet)
 

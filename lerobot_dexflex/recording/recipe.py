@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 from lerobot_dexflex.envs.registration import TASKS, check_tasks
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.recording.repo import check_repo_id
 from lerobot_dexflex.runs.provenance import weights_digest
@@ -49,6 +50,8 @@ class Recipe:
 
     task: str = "PlaceHammer-v0"
     """Task to demonstrate."""
+    hand: str = "leap"
+    """Hand that does it: a name of `lerobot_dexflex.hands`."""
     episodes: int = 50
     """Episodes to keep."""
     seed: int = 0
@@ -71,6 +74,7 @@ class Recipe:
 
     def __post_init__(self) -> None:
         check_tasks([self.task])
+        get_hand(self.hand)
         if self.episodes < 1:
             raise DexFlexError(f"`episodes` must be at least 1. Got {self.episodes}.")
         if self.seed < 0:

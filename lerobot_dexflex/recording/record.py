@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import make_expert
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.recording.assembly import disk_errors, origin_of, write_dataset
 from lerobot_dexflex.recording.attempt import Attempt, one_thread, run_attempt, save_attempt
 from lerobot_dexflex.recording.config import RecordConfig
@@ -108,6 +109,7 @@ def _collect(config: RecordConfig, staging: Path, known: dict[int, Attempt]) -> 
 def _record_attempt(config: RecordConfig, staging: str, index: int) -> Attempt:
     with one_thread():
         attempt = run_attempt(
+            get_hand(config.hand),
             config.task,
             config.seed,
             index,

@@ -6,12 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP, robot_joints
+from lerobot_dexflex.hands import Hand, get_hand
 
 FPS = round(1 / (SUBSTEPS * TIMESTEP))
 """Frames per second of datasets: the control rate."""
-TAXEL_ROWS, TAXEL_COLUMNS = 10, 6
+_ON_ARM = "_xarm7"
+"""Follows the name of a hand that is on an arm."""
 
 # Powers of two are exact in float32 and leave its low bits zero, which is what compresses.
 ANGLE_STEP = 2.0**-14
@@ -31,41 +32,45 @@ class Column(NamedTuple):
     meaning: str
 
 
-_TIPS = [f"{finger}_tip.{axis}" for finger in LEAP.prefixes for axis in "xyz"]
-
-
-def privileged_columns() -> dict[str, Column]:
-    """Return the columns that only simulation knows.
+def privileged_columns(hand: Hand) -> dict[str, Column]:
+    """Return the columns of a hand that only simulation knows.
 
     LeRobot hands no policy what is called neither `observation...` nor `action...`.
     """
+    tips = _tip_names(hand)
     return {
         "operator.draft": Column(
-            _TIPS,
+            tips,
             "m",
-            np.full(len(_TIPS), LENGTH_STEP),
+            np.full(len(tips), LENGTH_STEP),
             "privileged: where the operator wants the fingertips after this step, without squeeze and before "
             "the errors of its glove, in the palm frame",
         ),
         "contact.loads": Column(
-            [f"{finger}_load" for finger in LEAP.prefixes],
+            [f"{finger}_load" for finger in hand.prefixes],
             "N",
-            np.full(LEAP.n_fingers, FORCE_STEP),
+            np.full(hand.n_fingers, FORCE_STEP),
             "privileged: true normal force on each fingertip before this step",
         ),
     }
 
 
-def columns(joints: Sequence[str]) -> dict[str, Column]:
-    """Return the numeric columns of a robot with these joints for policies, keyed as in the dataset."""
+def columns(hand: Hand, joints: Sequence[str]) -> dict[str, Column]:
+    """Return the numeric columns of a robot for policies, keyed as in the dataset.
+
+    Args:
+        hand: The hand.
+        joints: Names of all joints, the arm's before the hand's.
+    """
     angles = [f"{joint}.pos" for joint in joints]
-    tips = _TIPS
+    tips, (rows, across) = _tip_names(hand), hand.taxels
     taxels = [
         f"{finger}_taxel.{row}.{column}"
-        for finger in LEAP.prefixes
-        for row in range(TAXEL_ROWS)
-        for column in range(TAXEL_COLUMNS)
+        for finger in hand.prefixes
+        for row in range(rows)
+        for column in range(across)
     ]
+    touch = f"{hand.n_fingers} fingers x {rows} rows (toward the tip) x {across} columns"
     steps = np.repeat([ANGLE_STEP, LENGTH_STEP], [len(angles), len(tips)])
     state, length = steps[: len(angles)], steps[len(angles) :]
     return {
@@ -74,7 +79,7 @@ def columns(joints: Sequence[str]) -> dict[str, Column]:
             taxels,
             "N",
             np.full(len(taxels), FORCE_STEP),
-            "taxel normal forces, 4 fingers x 10 rows (toward the tip) x 6 columns",
+            f"taxel normal forces, {touch}",
         ),
         "observation.fingertips": Column(tips, "m", length, "measured fingertips in the palm frame"),
         "observation.gravity": Column(
@@ -115,6 +120,21 @@ def lerobot_features(table: dict[str, Column], images: dict[str, tuple[int, ...]
     return cameras | numbers
 
 
-def robot_type(joints: Sequence[str]) -> str:
-    """Return LeRobot's name of the robot: the hand on its arm, or the hand alone."""
-    return "leap_xarm7" if len(joints) > 16 else "leap"
+def robot_type(hand: Hand, joints: Sequence[str]) -> str:
+    """Return LeRobot's name of the robot with these joints: the hand on its arm, or the hand alone."""
+    return f"{hand.name}{_ON_ARM}" if len(joints) > hand.n_joints else hand.name
+
+
+def robot_of(robot_type: str) -> tuple[Hand, tuple[str, ...]]:
+    """Return the hand and the joints of a robot by LeRobot's name of it: the inverse of `robot_type`.
+
+    Raises:
+        DexFlexError: If there is no such hand.
+    """
+    name = robot_type.removesuffix(_ON_ARM)
+    hand = get_hand(name)
+    return hand, hand.joint_names if name == robot_type else robot_joints(hand)
+
+
+def _tip_names(hand: Hand) -> list[str]:
+    return [f"{finger}_tip.{axis}" for finger in hand.prefixes for axis in "xyz"]

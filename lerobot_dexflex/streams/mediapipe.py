@@ -20,7 +20,7 @@ from lerobot_dexflex.streams.packets import (
     check_hand,
     decoded,
 )
-from lerobot_dexflex.streams.record import KEYPOINTS, Hand, Record
+from lerobot_dexflex.streams.record import KEYPOINTS, Record, Side
 from lerobot_dexflex.streams.wrist_frame import record_of
 
 Labels = Literal["subject", "selfie"]
@@ -36,7 +36,7 @@ class MediaPipeReader:
         DexFlexError: If `hand` or `labels` is none of those that there are.
     """
 
-    hand: Hand = "right"
+    hand: Side = "right"
     mirror: bool = False
     """See `record_of`."""
     mirrored_image: bool = False

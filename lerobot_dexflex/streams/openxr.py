@@ -25,7 +25,7 @@ from lerobot_dexflex.streams.packets import (
     check_hand,
     decoded,
 )
-from lerobot_dexflex.streams.record import Array, Hand, Record
+from lerobot_dexflex.streams.record import Array, Record, Side
 from lerobot_dexflex.streams.wrist_frame import record_of
 
 Quaternions = Literal["xyzw", "wxyz"]
@@ -59,7 +59,7 @@ class OpenXRReader:
         DexFlexError: If `hand` or `quaternions` is none of those that there are.
     """
 
-    hand: Hand = "right"
+    hand: Side = "right"
     mirror: bool = False
     """See `record_of`."""
     quaternions: Quaternions = "xyzw"

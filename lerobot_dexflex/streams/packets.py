@@ -7,7 +7,7 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.streams.record import Array, Hand, Record
+from lerobot_dexflex.streams.record import Array, Record, Side
 
 Packet = bytes | Mapping[str, Any]
 """A datagram of JSON, in an LZ4 frame or not, or what a program in this process says in the same words."""
@@ -118,5 +118,5 @@ def as_numbers(values: Any, width: int, name: str) -> Array:
 
 def check_hand(hand: str) -> None:
     """Refuse the setting of a reader that names no hand."""
-    if hand not in get_args(Hand):
-        raise DexFlexError(f"`hand` must be {' or '.join(get_args(Hand))}. Got {hand!r}.")
+    if hand not in get_args(Side):
+        raise DexFlexError(f"`hand` must be {' or '.join(get_args(Side))}. Got {hand!r}.")

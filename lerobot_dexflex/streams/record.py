@@ -6,12 +6,12 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
-Hand = Literal["right", "left"]
-"""Which of the operator's."""
+Side = Literal["right", "left"]
+"""Which hand of the operator's."""
 
 _FINGERS = ("index_finger", "middle_finger", "ring_finger", "pinky")
 KEYPOINT_NAMES = (
@@ -23,8 +23,6 @@ KEYPOINT_NAMES = (
 KEYPOINTS = len(KEYPOINT_NAMES)
 HUMAN_TIPS = {"thumb": 4, "index": 8, "middle": 12, "ring": 16, "pinky": 20}
 """Keypoints that are fingertips."""
-ROBOT_TIPS = [HUMAN_TIPS[name] for name in FINGER_NAMES]
-"""Those that lead a robot's fingers, in the order of every tensor. LEAP has no little finger."""
 
 MAX_REACH = 0.4
 """No keypoint is farther from the wrist [m]. A hand is half as long: this tells metres from other units."""
@@ -105,6 +103,21 @@ class Record:
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
         object.__setattr__(self, name, value)
+
+
+def leading_tips(hand: Hand) -> list[int]:
+    """Return which keypoints lead a robot's fingertips, in the order of its fingers: those of the same name.
+
+    Raises:
+        DexFlexError: If a person has no finger of that name.
+    """
+    strangers = [name for name in hand.finger_names if name not in HUMAN_TIPS]
+    if strangers:
+        raise DexFlexError(
+            f"A person has no finger '{strangers[0]}' to lead that of '{hand.name}'. Name the fingers of the "
+            f"hand as those that shall lead them: {', '.join(HUMAN_TIPS)}."
+        )
+    return [HUMAN_TIPS[name] for name in hand.finger_names]
 
 
 def _checked(name: str, value: Any, shape: tuple[int, ...], kind: type) -> Any:

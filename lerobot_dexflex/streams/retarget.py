@@ -5,16 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hand.kernels import fingertips
-from lerobot_dexflex.hands import LEAP
-from lerobot_dexflex.streams.record import ROBOT_TIPS, Array, Record
+from lerobot_dexflex.hand.kernels import fingertips, frames
+from lerobot_dexflex.hands import Hand
+from lerobot_dexflex.streams.record import Array, Record, leading_tips
 
-OPEN_HAND = (*(0.0,) * 14, 1.0, 0.0)
-"""Joints of the robot's open hand [rad]: fingers straight, the thumb as far forward as a person's. With a
-straight one an average hand fits to 20 mm, with this one to 8 mm."""
-_THUMB = FINGER_NAMES.index("thumb")
 _FLAT = 0.05
 """Fingertips whose second extent is less than this share of the first lie in one line."""
 
@@ -23,9 +18,11 @@ _FLAT = 0.05
 class Retargeting:
     """How a human's fingertips become a robot's: scale * rotation @ tip + offset."""
 
+    hand: Hand
+    """The robot's."""
     scale: float
     thumb_scale: float
-    """Extra, of the thumb alone, from the wrist; 1 keeps what touches touching."""
+    """Extra, of the fingers that oppose alone, from the wrist; 1 keeps what touches touching."""
     rotation: Array
     """From the wrist frame to the robot's palm frame. Shape (3, 3)."""
     offset: Array
@@ -34,42 +31,47 @@ class Retargeting:
     """Root mean square of what the open hands leave unexplained per fingertip [m]."""
 
     def __call__(self, tips: Array) -> Array:
-        """Return fingertips in the palm frame [m], of those in the wrist frame [m]; both of shape (4, 3)."""
-        return self.scale * _stretched(tips, self.thumb_scale) @ self.rotation.T + self.offset
+        """Return fingertips in the palm frame [m], of those in the wrist frame [m]; both (fingers, 3)."""
+        return self.scale * _stretched(self.hand, tips, self.thumb_scale) @ self.rotation.T + self.offset
 
 
-def calibrate(record: Record, thumb_scale: float = 1.0, joints: ArrayLike = OPEN_HAND) -> Retargeting:
+def calibrate(
+    hand: Hand, record: Record, thumb_scale: float = 1.0, joints: ArrayLike | None = None
+) -> Retargeting:
     """Find the retargeting that lays an open human hand over the robot's, by least squares.
 
     Args:
+        hand: The robot's.
         record: Of a flat, open hand with the thumb spread; of a left hand, mirrored.
         thumb_scale: See `Retargeting`.
-        joints: The robot's open hand [rad]. Shape (16,).
+        joints: The robot's open hand [rad]; None means `hand.open_joints`. Shape (joints,).
 
     Raises:
         DexFlexError: If a fingertip is lost, they lie in one line, or the record is of the other hand.
     """
-    if not record.tracked[ROBOT_TIPS].all():
-        lost = [name for name, seen in zip(FINGER_NAMES, record.tracked[ROBOT_TIPS], strict=True) if not seen]
+    leading = leading_tips(hand)
+    seen = record.tracked[leading]
+    if not seen.all():
+        lost = [name for name, tracked in zip(hand.finger_names, seen, strict=True) if not tracked]
         raise DexFlexError(
-            f"All four fingertips must be tracked. {', '.join(lost)} are lost: show the open hand."
+            f"The fingertips of {', '.join(hand.finger_names)} must be tracked. {', '.join(lost)} are lost: "
+            "show the open hand."
         )
     if not thumb_scale > 0:
         raise DexFlexError(f"`thumb_scale` must be positive. Got {thumb_scale}.")
-    human, robot = (
-        _stretched(record.keypoints[ROBOT_TIPS], thumb_scale),
-        fingertips(LEAP.tables, np.array(joints, float)),
-    )
-    retargeting = _similarity(human, robot, thumb_scale)
-    if retargeting.rotation[2, 2] < 0:
+    human = _stretched(hand, record.keypoints[leading], thumb_scale)
+    robot = np.array(hand.open_joints if joints is None else joints, float)
+    retargeting = _similarity(hand, human, robot, thumb_scale)
+    if retargeting.rotation[:, 2] @ _back(hand) < 0:
         raise DexFlexError(
             "The palm would look out of the robot's back: this is a left hand. Read it with `mirror`."
         )
     return retargeting
 
 
-def _similarity(human: Array, robot: Array, thumb_scale: float) -> Retargeting:
-    """Return the least-squares similarity (Umeyama, TPAMI 1991, eq. 34 to 42) from human to robot, (4, 3)."""
+def _similarity(hand: Hand, human: Array, joints: Array, thumb_scale: float) -> Retargeting:
+    """Return the least-squares similarity (Umeyama, TPAMI 1991, eq. 34 to 42) from human (fingers, 3)."""
+    robot = fingertips(hand.tables, joints)
     a, b = human - human.mean(0), robot - robot.mean(0)
     spread = np.linalg.svd(a, compute_uv=False)
     if spread[1] < _FLAT * spread[0] or spread[0] == 0:
@@ -80,10 +82,19 @@ def _similarity(human: Array, robot: Array, thumb_scale: float) -> Retargeting:
     scale = float((D * S).sum() / (a**2).sum())
     left = b - scale * a @ rotation.T
     offset = robot.mean(0) - scale * rotation @ human.mean(0)
-    return Retargeting(scale, thumb_scale, rotation, offset, float(np.sqrt((left**2).sum(1).mean())))
+    residual = float(np.sqrt((left**2).sum(1).mean()))
+    return Retargeting(hand, scale, thumb_scale, rotation, offset, residual)
 
 
-def _stretched(tips: Array, thumb_scale: float) -> Array:
-    factors = np.ones((len(FINGER_NAMES), 1))
-    factors[_THUMB] = thumb_scale
+def _stretched(hand: Hand, tips: Array, thumb_scale: float) -> Array:
+    factors = np.ones((hand.n_fingers, 1))
+    factors[list(hand.opposing_fingers)] = thumb_scale
     return tips * factors
+
+
+def _back(hand: Hand) -> Array:
+    """Return what looks out of the back of an open hand, palm frame, as z of `wrist_frame`. Shape (3,)."""
+    joints = np.array(hand.open_joints)
+    knuckles, tips = frames(hand.tables, joints)[0][:, 0], fingertips(hand.tables, joints)
+    forward = (tips - knuckles)[list(hand.opposed_fingers)].mean(0)
+    return np.cross(forward, hand.finger_order)

@@ -25,7 +25,7 @@ from lerobot_dexflex.streams.packets import (
     check_hand,
     decoded,
 )
-from lerobot_dexflex.streams.record import Array, Hand, Record
+from lerobot_dexflex.streams.record import Array, Record, Side
 from lerobot_dexflex.streams.wrist_frame import record_of
 
 PORT = 14043
@@ -53,7 +53,7 @@ class RokokoReader:
         DexFlexError: If `hand` is none.
     """
 
-    hand: Hand = "right"
+    hand: Side = "right"
     mirror: bool = False
     """See `record_of`."""
     actor: str = ""

@@ -11,7 +11,7 @@ import numpy as np
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.streams.packets import PacketError
-from lerobot_dexflex.streams.record import HUMAN_TIPS, KEYPOINT_NAMES, Array, Hand, Record
+from lerobot_dexflex.streams.record import HUMAN_TIPS, KEYPOINT_NAMES, Array, Record, Side
 
 WRIST, INDEX, MIDDLE, RING = (
     KEYPOINT_NAMES.index(name)
@@ -31,7 +31,7 @@ class Frame(NamedTuple):
     """Axes as columns. Shape (3, 3)."""
 
 
-def wrist_frame(points: Array, hand: Hand = "right") -> Frame | None:
+def wrist_frame(points: Array, hand: Side = "right") -> Frame | None:
     """Return the frame of a wrist; None if a point of the palm is lost, or they lie in one line.
 
     Args:
@@ -52,7 +52,7 @@ def wrist_frame(points: Array, hand: Hand = "right") -> Frame | None:
 
 
 def record_of(
-    t: float, points: Array, hand: Hand = "right", *, mirror: bool = False, wrist_tracked: bool = True
+    t: float, points: Array, hand: Side = "right", *, mirror: bool = False, wrist_tracked: bool = True
 ) -> Record:
     """Return the record of keypoints; of a lost hand if its palm spans no frame.
 

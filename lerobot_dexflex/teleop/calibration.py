@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.streams.record import KEYPOINT_NAMES, ROBOT_TIPS, Array, Record
+from lerobot_dexflex.hands import Hand
+from lerobot_dexflex.streams.record import HUMAN_TIPS, Array, Record, leading_tips
 from lerobot_dexflex.streams.retarget import Retargeting, calibrate
 from lerobot_dexflex.streams.source import Newest
 
@@ -17,8 +18,8 @@ STRAIGHT = 0.95
 """Least distance from a finger's knuckle to its tip, in lengths of the finger."""
 OPEN = 0.015
 """Largest residual of an open hand [m]; an average one has 8 mm, one whose thumb lies at the palm 25 mm."""
-_FINGERS = ("index_finger", "middle_finger", "ring_finger")
-_NEEDED = [k for k, name in enumerate(KEYPOINT_NAMES) if not name.startswith("pinky")]
+_JOINTS = 4
+"""Keypoints of a person's finger, from the knuckle to the tip."""
 
 
 @dataclass
@@ -26,9 +27,11 @@ class OpenHand:
     """Waits until the hand is open and still, record by record.
 
     Args:
+        hand: The robot's, whose fingers those of the person lead.
         thumb_scale: See `Retargeting`.
     """
 
+    hand: Hand
     thumb_scale: float = 1.0
     complaint: str = ""
     """What the operator should change, if the last still hand was not open."""
@@ -43,10 +46,10 @@ class OpenHand:
             now: The caller's clock [s].
         """
         record = newest.record
-        if record is None or newest.stale or not record.tracked[_NEEDED].all():
+        if record is None or newest.stale or not record.tracked[self._needed].all():
             self._held = []
             return None
-        if not self._held or _moved(self._held[0], record):
+        if not self._held or self._moved(record):
             self._held, self._since = [record], now
         elif record is not self._held[-1]:
             self._held.append(record)
@@ -58,8 +61,8 @@ class OpenHand:
         mean = _mean(self._held)
         self._held, self._since = [], now
         try:
-            _check_straight(mean.keypoints)
-            found = calibrate(mean, self.thumb_scale)
+            self._check_straight(mean.keypoints)
+            found = calibrate(self.hand, mean, self.thumb_scale)
             if found.residual > OPEN:
                 raise DexFlexError(
                     f"That is no open hand, it fits to {1e3 * found.residual:.0f} mm only. Spread the thumb."
@@ -69,10 +72,33 @@ class OpenHand:
             return None
         return found
 
+    @property
+    def _needed(self) -> list[int]:
+        """Keypoints of the wrist and of the fingers that lead."""
+        return [0, *(k for name in self.hand.finger_names for k in _keypoints(name))]
 
-def _moved(first: Record, record: Record) -> bool:
-    apart = first.keypoints[ROBOT_TIPS] - record.keypoints[ROBOT_TIPS]
-    return bool(np.linalg.norm(apart, axis=1).max() > STILL)
+    def _moved(self, record: Record) -> bool:
+        tips = leading_tips(self.hand)
+        apart = self._held[0].keypoints[tips] - record.keypoints[tips]
+        return bool(np.linalg.norm(apart, axis=1).max() > STILL)
+
+    def _check_straight(self, keypoints: Array) -> None:
+        """Refuse bent fingers, those that oppose apart.
+
+        Raises:
+            DexFlexError: If one is bent.
+        """
+        for name in (self.hand.finger_names[k] for k in self.hand.opposed_fingers):
+            joints = keypoints[_keypoints(name)]
+            length = np.linalg.norm(np.diff(joints, axis=0), axis=1).sum()
+            if np.linalg.norm(joints[-1] - joints[0]) < STRAIGHT * length:
+                raise DexFlexError(f"The {name} finger is bent. Open the hand.")
+
+
+def _keypoints(finger: str) -> list[int]:
+    """Return the keypoints of a person's finger, from the knuckle to the tip."""
+    tip = HUMAN_TIPS[finger]
+    return list(range(tip - _JOINTS + 1, tip + 1))
 
 
 def _mean(records: list[Record]) -> Record:
@@ -81,18 +107,3 @@ def _mean(records: list[Record]) -> Record:
     nowhere = np.full((3, 3), np.nan)
     tracked = np.isfinite(keypoints).all(1)
     return Record(records[-1].t, nowhere[0], nowhere, keypoints, tracked, wrist_tracked=False)
-
-
-def _check_straight(keypoints: Array) -> None:
-    """Refuse bent fingers.
-
-    Raises:
-        DexFlexError: If one is bent.
-    """
-    for finger in _FINGERS:
-        joints = keypoints[
-            [KEYPOINT_NAMES.index(f"{finger}_{name}") for name in ("mcp", "pip", "dip", "tip")]
-        ]
-        length = np.linalg.norm(np.diff(joints, axis=0), axis=1).sum()
-        if np.linalg.norm(joints[-1] - joints[0]) < STRAIGHT * length:
-            raise DexFlexError(f"The {finger.replace('_', ' ')} is bent. Open the hand.")

@@ -9,11 +9,9 @@ from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts import expert_module
-from lerobot_dexflex.hand import xarm7
-from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording.config import check_drafts
 from lerobot_dexflex.recording.recipe import SIMULATED, Recipe
-from lerobot_dexflex.teleop.stream_config import STREAMS, StreamConfig
+from lerobot_dexflex.teleop.stream_config import STREAMS, LeadConfig, StreamConfig
 
 SOURCES = (*STREAMS, SIMULATED)
 VIEWS = ("rerun", "none")
@@ -33,7 +31,7 @@ class SimulatedConfig:
 
 
 @dataclass
-class TeleopConfig(Recipe):
+class TeleopConfig(LeadConfig, Recipe):
     """Operate the hand live, look at it, and record a LeRobotDataset by key."""
 
     program: ClassVar[str] = "dexflex-teleop"
@@ -41,9 +39,7 @@ class TeleopConfig(Recipe):
     free: ClassVar[tuple[str, ...]] = (
         *Recipe.free,
         "stream",
-        "scale",
-        "heading",
-        "thumb_scale",
+        *LeadConfig.__dataclass_fields__,
         "hands_free",
         "time_limit",
         "realtime",
@@ -64,12 +60,6 @@ class TeleopConfig(Recipe):
     """How the stream comes and is read."""
     simulated: SimulatedConfig = field(default_factory=SimulatedConfig)
     """Who the simulated person is."""
-    scale: float = 1.0
-    """Motion of the palm per motion of the wrist."""
-    heading: float = 0.0
-    """How far the person's forward is to the left of the robot's [deg]."""
-    thumb_scale: float = 1.0
-    """Extra scale of the thumb, from the wrist; 1 keeps what touches touching."""
     hands_free: bool = False
     """Begin episodes by themselves, keep those that succeed, discard the others; of `simulated` always."""
     time_limit: float = 60.0
@@ -94,23 +84,15 @@ class TeleopConfig(Recipe):
             self.hands_free = True
         self._check_arm()
         self.stream.check(self.source)
-        self._check_numbers()
+        self.check_lead()
+        if not 0 <= self.time_limit < math.inf:
+            raise DexFlexError(f"`time_limit` must not be negative; 0 sets none. Got {self.time_limit}.")
         if not self.realtime and self.source not in ("replay", SIMULATED):
             raise DexFlexError(f"`realtime` must be true for {self.source}: a person cannot be hurried.")
         if self.view == "none" and self.view_folder is not None:
             raise DexFlexError("`view_folder` is for --view=rerun. Got --view=none: leave one out.")
 
     def _check_arm(self) -> None:
-        joints = len(xarm7.LINKS) + LEAP.n_joints
-        if TASKS[self.task].joints != joints:
-            valid = [name for name, task in TASKS.items() if task.joints == joints]
+        if not TASKS[self.task].arm:
+            valid = [name for name, task in TASKS.items() if task.arm]
             raise DexFlexError(f"{self.task} has no arm to lead. Valid tasks: {', '.join(valid)}.")
-
-    def _check_numbers(self) -> None:
-        for name in ("scale", "thumb_scale"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise DexFlexError(f"`{name}` must be positive. Got {getattr(self, name)}.")
-        if not abs(self.heading) <= 360:
-            raise DexFlexError(f"`heading` must be in [-360, 360] degrees. Got {self.heading}.")
-        if not 0 <= self.time_limit < math.inf:
-            raise DexFlexError(f"`time_limit` must not be negative; 0 sets none. Got {self.time_limit}.")

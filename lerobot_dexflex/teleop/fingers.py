@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lerobot_dexflex.streams.record import ROBOT_TIPS, Array, Record
+from lerobot_dexflex.streams.record import Array, Record, leading_tips
 from lerobot_dexflex.streams.retarget import Retargeting
 
 RETURN_SPEED = 0.15
@@ -17,32 +17,34 @@ class FingerLead:
 
     Args:
         retargeting: Of this person.
-        tips: Where the robot's fingertips are, palm frame [m]. Shape (4, 3).
+        tips: Where the robot's fingertips are, palm frame [m]. Shape (fingers, 3).
     """
 
     def __init__(self, retargeting: Retargeting, tips: Array) -> None:
         self._retargeting = retargeting
+        self._leading = leading_tips(retargeting.hand)
         self.begin(tips)
 
     def begin(self, tips: Array) -> None:
-        """Go on from where the robot's fingertips are, palm frame [m], (4, 3)."""
+        """Go on from where the robot's fingertips are, palm frame [m], (fingers, 3)."""
         self.targets = np.array(tips, float)
-        """Where they are led, palm frame [m]. Shape (4, 3)."""
-        self._gap = np.zeros((4, 3))
+        """Where they are led, palm frame [m]. Shape (fingers, 3)."""
+        self._gap = np.zeros_like(self.targets)
         self.lose()
 
     def lose(self) -> None:
         """Stay: no finger is tracked."""
-        self._led = np.zeros(4, bool)
+        self._led = np.zeros(len(self._leading), bool)
 
     def lead(self, record: Record, dt: float) -> Array:
-        """Return the targets [m], shape (4, 3).
+        """Return the targets [m], shape (fingers, 3).
 
         Args:
             record: The newest, even if it is the same as before.
             dt: Time since the last call [s].
         """
-        wish, tracked = self._retargeting(record.keypoints[ROBOT_TIPS]), record.tracked[ROBOT_TIPS]
+        tracked = record.tracked[self._leading]
+        wish = self._retargeting(record.keypoints[self._leading])
         back = tracked & ~self._led
         gap = np.where(back[:, None], self.targets - wish, self._gap)
         far = np.linalg.norm(gap, axis=1, keepdims=True)

@@ -25,7 +25,7 @@ class Follower:
 
     Args:
         retargeting: Of this person.
-        joints: Where the robot is, arm then hand [rad]. Shape (23,).
+        joints: Where the robot is, arm then hand [rad]. Shape (arm + hand,).
         scale: Motion of the palm per motion of the wrist.
         heading: See `Clutch`.
     """
@@ -33,7 +33,7 @@ class Follower:
     def __init__(
         self, retargeting: Retargeting, joints: Array, scale: float = 1.0, heading: float = 0.0
     ) -> None:
-        self._ik = RobotIK(joints)
+        self._ik = RobotIK(retargeting.hand, joints)
         self._clutch = Clutch(retargeting.offset, scale, heading)
         self._fingers = FingerLead(retargeting, self._ik.tips)
         self._record: Record | None = None
@@ -45,7 +45,7 @@ class Follower:
 
     @property
     def joints(self) -> Array:
-        """Joint targets, arm then hand [rad]. Shape (23,)."""
+        """Joint targets, arm then hand [rad]. Shape (arm + hand,)."""
         return self._ik.joints
 
     @property
@@ -54,7 +54,7 @@ class Follower:
         return self._record is not None and self._record.wrist_tracked
 
     def begin(self, joints: Array) -> None:
-        """Go on from where the robot is after a reset: joints [rad], shape (23,)."""
+        """Go on from where the robot is after a reset: joints [rad], shape (arm + hand,)."""
         self._ik.put(joints)
         self._fingers.begin(self._ik.tips)
         self._clutch.uncouple()

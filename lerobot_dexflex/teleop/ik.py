@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import model as robot
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import PALM, Finger, Hand
 from lerobot_dexflex.streams.wrist_frame import Frame
 
 Array = NDArray[np.float64]
@@ -26,11 +26,6 @@ ROTATION_COST = 0.3
 """Length that weighs 1 rad of the palm's orientation against its position [m/rad]."""
 LIMIT_MARGIN = 1e-3
 """Distance that is kept from the joint limits [rad]."""
-POSTURE = np.array((*(0.4, 0.0, 0.6, 0.4) * 3, 0.3, 0.0, 0.8, 0.3))
-"""What the fingers prefer: a loosely bent hand [rad]."""
-STRAIGHT = tuple(joint for joint in LEAP.joint_names if joint.endswith(("_pip", "_dip")))
-"""Joints that bend no farther back than straight, as a person's. A finger that passes through straight could
-else bend the wrong way, and stay so while the person's makes a fist."""
 UNBEND = 1.0
 """Speed at which those come forward that start bent back [rad/s]."""
 _ITERATIONS = 2
@@ -44,6 +39,7 @@ class Chain:
         model: Of the chain alone.
         task: What its frame should do. Its damping grows with its error, so far targets stay tame.
         posture: What takes what the task leaves free [rad]. Shape (n,).
+        straight: Names of joints that bend no farther back than zero.
         posture_cost: Weight of that posture [m/rad].
         damping_cost: Weight of motion as such [m/rad].
         speed: Largest speed of a joint [rad/s].
@@ -54,6 +50,7 @@ class Chain:
         model: mujoco.MjModel,
         task: mink.FrameTask,
         posture: Array,
+        straight: Sequence[str],
         posture_cost: float,
         damping_cost: float,
         speed: float,
@@ -66,7 +63,7 @@ class Chain:
         self._range = mink.ConfigurationLimit(model, gain=1.0, min_distance_from_limits=LIMIT_MARGIN)
         self._limits = [self._range, mink.VelocityLimit(model, dict.fromkeys(names, speed))]
         self._low, self._high = model.jnt_range.T + np.array([[LIMIT_MARGIN], [-LIMIT_MARGIN]])
-        self._least = np.where([name in STRAIGHT for name in names], 0.0, self._low)
+        self._least = np.where([name in straight for name in names], 0.0, self._low)
         self._configuration = mink.Configuration(model)
 
     @property
@@ -105,24 +102,22 @@ class RobotIK:
     and no faster than their servos.
 
     Args:
-        joints: Where it starts, arm then hand [rad]; so the arm prefers to be. Shape (23,).
+        hand: The hand on the arm.
+        joints: Where it starts, arm then hand [rad]; so the arm prefers to be. Shape (arm + hand,).
     """
 
-    def __init__(self, joints: ArrayLike) -> None:
+    def __init__(self, hand: Hand, joints: ArrayLike) -> None:
         arm = np.array(joints, float)[: len(robot.ARM_JOINTS)]
-        palm = mink.FrameTask("palm", "body", 1.0, ROTATION_COST, lm_damping=1.0)
-        self._arm = Chain(_arm_model(), palm, arm, posture_cost=0.01, damping_cost=0.05, speed=ARM_SPEED)
-        self._fingers = []
-        speed = float(LEAP.joint_speeds.min())
-        for finger, own in zip(LEAP.prefixes, np.split(POSTURE, LEAP.n_fingers), strict=True):
-            tip = mink.FrameTask(f"{finger}_tip", "site", 1.0, 0.0, lm_damping=3.0)
-            model = _finger_model(finger)
-            self._fingers.append(Chain(model, tip, own, posture_cost=0.002, damping_cost=0.01, speed=speed))
+        palm = mink.FrameTask(PALM, "body", 1.0, ROTATION_COST, lm_damping=1.0)
+        self._arm = Chain(
+            _arm_model(hand), palm, arm, (), posture_cost=0.01, damping_cost=0.05, speed=ARM_SPEED
+        )
+        self._fingers = [_finger(hand, k) for k in range(hand.n_fingers)]
         self.put(joints)
 
     @property
     def joints(self) -> Array:
-        """Where the robot was led to, arm then hand [rad]. Shape (23,)."""
+        """Where the robot was led to, arm then hand [rad]. Shape (arm + hand,)."""
         return np.concatenate([chain.joints for chain in (self._arm, *self._fingers)])
 
     @property
@@ -133,11 +128,11 @@ class RobotIK:
 
     @property
     def tips(self) -> Array:
-        """Where the fingertips were led to, palm frame [m]. Shape (4, 3)."""
+        """Where the fingertips were led to, palm frame [m]. Shape (fingers, 3)."""
         return np.stack([finger.frame.translation() for finger in self._fingers])
 
     def put(self, joints: ArrayLike) -> None:
-        """Go on from joints [rad], shape (23,): where the robot is after a reset."""
+        """Go on from joints [rad], shape (arm + hand,): where the robot is after a reset."""
         ends = np.cumsum([len(chain.joints) for chain in (self._arm, *self._fingers)])[:-1]
         for chain, own in zip(
             (self._arm, *self._fingers), np.split(np.asarray(joints, float), ends), strict=True
@@ -149,11 +144,11 @@ class RobotIK:
 
         Args:
             palm: Where the palm should be, in the frame of the arm's base; None keeps the arm still.
-            tips: Where the fingertips should be, palm frame [m]. Shape (4, 3).
+            tips: Where the fingertips should be, palm frame [m]. Shape (fingers, 3).
             dt: Time since the last call [s].
 
         Returns:
-            Joint targets, arm then hand [rad]. Shape (23,).
+            Joint targets, arm then hand [rad]. Shape (arm + hand,).
 
         Raises:
             DexFlexError: If a target is not finite, or the time not positive; nothing has moved then.
@@ -170,22 +165,44 @@ class RobotIK:
         return self.joints
 
 
-def _arm_model() -> mujoco.MjModel:
+def straight_joints(hand: Hand) -> list[slice]:
+    """Return which joints bend no farther back than straight, as a person's: the last two of each finger.
+
+    A finger that passes through straight could else bend the wrong way, and stay so while the person's makes
+    a fist. Those that oppose may. Fingers bend for positive angles.
+    """
+    ends = [hand.finger_joints[k].stop for k in hand.opposed_fingers]
+    return [slice(end - 2, end) for end in ends]
+
+
+def _finger(hand: Hand, finger: int) -> Chain:
+    names = [name for joints in straight_joints(hand) for name in hand.joint_names[joints]]
+    return Chain(
+        _finger_model(hand, finger),
+        mink.FrameTask(f"{hand.prefixes[finger]}_tip", "site", 1.0, 0.0, lm_damping=3.0),
+        np.array(hand.loose_joints[hand.finger_joints[finger]]),
+        names,
+        posture_cost=0.002,
+        damping_cost=0.01,
+        speed=float(hand.joint_speeds.min()),
+    )
+
+
+def _arm_model(hand: Hand) -> mujoco.MjModel:
     """Return the arm with a palm but no fingers."""
     spec = robot.base_spec()
-    robot.add_hand(spec, robot.add_arm(spec), LEAP)
-    return _without(spec, LEAP.prefixes)
+    robot.add_hand(spec, robot.add_arm(spec), hand)
+    return _without(spec, hand.fingers)
 
 
-def _finger_model(finger: str) -> mujoco.MjModel:
+def _finger_model(hand: Hand, finger: int) -> mujoco.MjModel:
     """Return one finger in the frame of its palm, which stands still."""
     spec = robot.base_spec()
-    robot.add_hand(spec, spec.worldbody, LEAP, (0.0, 0.0, 0.0), (1, 0, 0, 0))
-    return _without(spec, [other for other in LEAP.prefixes if other != finger])
+    robot.add_hand(spec, spec.worldbody, hand, (0.0, 0.0, 0.0), (1, 0, 0, 0))
+    return _without(spec, [other for k, other in enumerate(hand.fingers) if k != finger])
 
 
-def _without(spec: mujoco.MjSpec, fingers: Sequence[str]) -> mujoco.MjModel:
-    for link in LEAP.links:
-        if link.parent == "palm" and link.name.partition("_")[0] in fingers:
-            spec.delete(spec.body(link.name))
+def _without(spec: mujoco.MjSpec, fingers: Sequence[Finger]) -> mujoco.MjModel:
+    for finger in fingers:
+        spec.delete(spec.body(finger.links[0].name))
     return spec.compile()

@@ -5,12 +5,12 @@ import sys
 from collections.abc import Iterator
 
 import gymnasium
-import numpy as np
 
 from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.source import check_source
 from lerobot_dexflex.conventions import CONTROL_PERIOD
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.recording.attempt import one_thread
 from lerobot_dexflex.recording.recipe import SIMULATED
@@ -52,7 +52,7 @@ def operate(config: TeleopConfig, arguments: list[str] | None = None, keys: Keys
         if shelf is None:
             _say(f"{config.root} is complete: {config.episodes} episodes. Nothing to record.")
             return True
-        hands, env = _hands(config), stack.enter_context(_environment(config.task))
+        hands, env = _hands(config), stack.enter_context(_environment(config))
         rules = Rules(
             config.episodes, config.seed, config.hands_free, round(config.time_limit / CONTROL_PERIOD)
         )
@@ -84,28 +84,24 @@ def _leader(config: TeleopConfig, say: Say) -> Iterator[Leader]:
         yield ExpertLeader(config.task, config.seed)
         return
     with open_source(config.source, config.stream) as source:
-        yield StreamLeader(
-            source,
-            say,
-            engaged=config.hands_free,
-            thumb_scale=config.thumb_scale,
-            scale=config.scale,
-            heading=float(np.radians(config.heading)),
-        )
+        yield StreamLeader(get_hand(config.hand), source, say, config, engaged=config.hands_free)
 
 
 def _hands(config: TeleopConfig) -> Hands:
-    interface = make_interface(config.interface, config.controller)
+    hand = get_hand(config.hand)
+    interface = make_interface(hand, config.interface, config.controller)
     if config.source != SIMULATED:
-        return Hands(interface)
+        return Hands(hand, interface)
     errors, source = CommandErrors.parse(config.simulated.glove), check_source(config.simulated.source)
-    return Hands(interface, config.seed, errors, source)
+    return Hands(hand, interface, config.seed, errors, source)
 
 
 @contextlib.contextmanager
-def _environment(task: str) -> Iterator[gymnasium.Env]:
+def _environment(config: TeleopConfig) -> Iterator[gymnasium.Env]:
     """Make the task without its time limit, which is an expert's."""
-    env = gymnasium.make(f"{NAMESPACE}/{task}", disable_env_checker=True, max_episode_steps=-1)
+    env = gymnasium.make(
+        f"{NAMESPACE}/{config.task}", hand=config.hand, disable_env_checker=True, max_episode_steps=-1
+    )
     try:
         yield env
     finally:

@@ -1,5 +1,6 @@
-"""Which stream a person's hand comes by, and how it is read. Nothing here loads MuJoCo or LeRobot."""
+"""Which stream a person's hand comes by, how it is read and leads. Nothing here loads MuJoCo or LeRobot."""
 
+import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal, get_args
@@ -20,6 +21,30 @@ _READ = {
     "replay": ("file",),
 }
 """What each source reads of the configuration."""
+
+
+@dataclass(kw_only=True)
+class LeadConfig:
+    """How a person's motions become the robot's."""
+
+    scale: float = 1.0
+    """Motion of the palm per motion of the wrist."""
+    heading: float = 0.0
+    """How far the person's forward is to the left of the robot's [deg]."""
+    thumb_scale: float = 1.0
+    """Extra scale of the thumb, from the wrist; 1 keeps what touches touching."""
+
+    def check_lead(self) -> None:
+        """Refuse numbers that cannot be right.
+
+        Raises:
+            DexFlexError: If there is one.
+        """
+        for name in ("scale", "thumb_scale"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise DexFlexError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        if not abs(self.heading) <= 360:
+            raise DexFlexError(f"`heading` must be in [-360, 360] degrees. Got {self.heading}.")
 
 
 @dataclass

@@ -1,17 +1,20 @@
 """A person's stream leads the hand, and the person is told what happens."""
 
+import math
+
 import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts.command import Command, fingertips_of
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.streams.record import Array
 from lerobot_dexflex.streams.source import Newest, Source
 from lerobot_dexflex.teleop.calibration import OpenHand
 from lerobot_dexflex.teleop.follower import Follower, Status
 from lerobot_dexflex.teleop.leader import Say
+from lerobot_dexflex.teleop.stream_config import LeadConfig
 
 OPEN_YOUR_HAND = "Show your open hand, thumb spread, and hold it still for a second."
 HOLDS: dict[Status, str] = {
@@ -30,25 +33,16 @@ class StreamLeader:
     The robot stays until an open hand has been held still, and while it is released.
 
     Args:
+        hand: The robot's.
         source: Of the person's records.
         say: Tells the person what happens.
+        lead: How the person's motions become the robot's.
         engaged: Whether the hand leads as soon as it is calibrated, without `toggle`.
-        thumb_scale: See `Retargeting`.
-        scale: Motion of the palm per motion of the wrist.
-        heading: See `Clutch`.
     """
 
-    def __init__(
-        self,
-        source: Source,
-        say: Say,
-        engaged: bool = False,
-        thumb_scale: float = 1.0,
-        scale: float = 1.0,
-        heading: float = 0.0,
-    ) -> None:
-        self._source, self._say, self._engaged = source, say, engaged
-        self._thumb_scale, self._scale, self._heading = thumb_scale, scale, heading
+    def __init__(self, hand: Hand, source: Source, say: Say, lead: LeadConfig, engaged: bool = False) -> None:
+        self._hand, self._source, self._say, self._engaged = hand, source, say, engaged
+        self._lead = lead
         self._joints: Array = np.zeros(0)
         self._now, self._end = -np.inf, np.inf
         self._told: dict[str, str] = {}
@@ -67,7 +61,7 @@ class StreamLeader:
 
     @property
     def joints(self) -> Array:
-        """Joint targets, arm then hand [rad]. Shape (23,)."""
+        """Joint targets, arm then hand [rad]. Shape (arm + hand,)."""
         return self._joints if self._follower is None else self._follower.joints
 
     def calibrate(self) -> None:
@@ -76,7 +70,7 @@ class StreamLeader:
             self._joints = self.joints
         self._follower: Follower | None = None
         self._told.clear()
-        self._open_hand = OpenHand(self._thumb_scale)
+        self._open_hand = OpenHand(self._hand, self._lead.thumb_scale)
 
     def toggle(self) -> None:
         """See `Leader.toggle`."""
@@ -91,7 +85,7 @@ class StreamLeader:
         self.put(env.get_wrapper_attr("command"))
 
     def put(self, joints: ArrayLike) -> None:
-        """Go on from where a robot is: arm then hand [rad], shape (23,)."""
+        """Go on from where a robot is: arm then hand [rad], shape (arm + hand,)."""
         self._joints = np.array(joints, float)
         if self._follower is not None:
             self._follower.begin(self._joints)
@@ -115,14 +109,14 @@ class StreamLeader:
         if self.over:
             return None
         joints = self.joints
-        tips = fingertips_of(joints[-LEAP.n_joints :])
+        tips = fingertips_of(self._hand, joints[-self._hand.n_joints :])
         return Command(joints, joints, np.tile(tips, (DRAFT_HORIZON, 1, 1)))
 
     def _look(self, newest: Newest, now: float) -> None:
         """Look for an open hand."""
         found = self._open_hand.look(newest, now)
         if found is not None:
-            self._follower = Follower(found, self._joints, self._scale, self._heading)
+            self._follower = Follower(found, self._joints, self._lead.scale, math.radians(self._lead.heading))
             self._follower.engaged = self._engaged
             fit = f"{found.scale:.2f} times yours, to {1e3 * found.residual:.0f} mm"
             keys = "" if self._engaged else " SPACE takes it, and releases it."

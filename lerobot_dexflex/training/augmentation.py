@@ -26,7 +26,8 @@ class AugmentationConfig:
 def augment(history: History, config: AugmentationConfig) -> History:
     """Return a disturbed copy, drawn from torch's global generator."""
     rows = len(history.joints)
-    hidden = (torch.rand(rows, 1) < config.touch_dropout) | (torch.rand(rows, 4) < config.finger_dropout)
+    hidden = torch.rand(rows, 1) < config.touch_dropout
+    hidden = hidden | (torch.rand(history.tactile_missing.shape) < config.finger_dropout)
     return history._replace(
         joints=history.joints + config.joint_noise * torch.randn_like(history.joints),
         fingertips=history.fingertips + config.tip_noise * torch.randn_like(history.fingertips),

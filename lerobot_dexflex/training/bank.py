@@ -110,7 +110,7 @@ class ProposalBank:
 
 
 def differs(draft: Tensor, plan: Tensor) -> Tensor:
-    """Return whether drafts differ from plans in a first step, both (rows, 8, 4, 3) [m]. Shape (rows,)."""
+    """Return whether drafts differ from plans in a first step, (rows,), of (rows, 8, fingers, 3) [m]."""
     return (draft - plan)[:, :2].flatten(1).abs().amax(1) > _SPOILT
 
 
@@ -154,7 +154,7 @@ def _propose(
         others_level=config.others_level,
     )
     drawn = settings.n_candidates - 1
-    noise = torch.randn(len(rows), drawn, 4, controller.config.finger_chunk_width)
+    noise = torch.randn(len(rows), drawn, data.hand.n_fingers, controller.config.finger_chunk_width)
     chunks = controller.propose(state, draft, settings, noise).chunks
     floats = {**state._asdict(), "draft": draft, "past": past, "clean": data.plan(rows), "chunks": chunks}
     for name in (*State._fields, "chunks"):

@@ -7,18 +7,18 @@ import torch
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from lerobot_dexflex.controller.config import DRAFT_HISTORY, FRAMES, TAXELS
+from lerobot_dexflex.controller.config import DRAFT_HISTORY, FRAMES
 from lerobot_dexflex.controller.history import SLOW_OFFSETS, History, past_rows
 from lerobot_dexflex.conventions import DRAFT_HORIZON
-from lerobot_dexflex.corpus.schema import COLUMNS
+from lerobot_dexflex.corpus.schema import columns
+from lerobot_dexflex.corpus.shard import read_header
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import finger_frames
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand, get_hand
 from lerobot_dexflex.runs.provenance import digest_text
 
 SPLITS = ("train", "tune")
 """Splits that training may read; test objects are kept for the benchmark."""
-_KEYS = tuple(COLUMNS)
 
 
 class CorpusData:
@@ -29,23 +29,26 @@ class CorpusData:
         split: `train` or `tune`.
 
     Raises:
-        DexFlexError: If the split may not be read, is empty or damaged.
+        DexFlexError: If the split may not be read, is empty or damaged, or if the corpus mixes hands.
     """
 
     def __init__(self, folder: Path, split: str) -> None:
-        parts: dict[str, list[Tensor]] = {key: [] for key in _KEYS}
+        paths = _shards(folder, split)
+        self.hand = _hand_of(folder)
+        keys = tuple(columns(self.hand))
+        parts: dict[str, list[Tensor]] = {key: [] for key in keys}
         rows = episodes = 0
-        for path in _shards(folder, split):
-            shard = _read(path, _KEYS)
+        for path in paths:
+            shard = _read(path, keys)
             shard["episode"] = shard["episode"].long() + episodes
             rows += len(shard["step"])
             episodes = int(shard["episode"][-1]) + 1
-            for key in _KEYS:
+            for key in keys:
                 parts[key].append(shard[key])
         self.columns: dict[str, Tensor] = {}
-        for key in _KEYS:
+        for key in keys:
             self.columns[key] = torch.cat(parts.pop(key))
-        touch = self.columns["tactile"].view(rows, 4, -1)
+        touch = self.columns["tactile"].view(rows, self.hand.n_fingers, -1)
         self._touch_loads = torch.cat([part.float().sum(-1) for part in touch.split(50_000)])
 
     def __len__(self) -> int:
@@ -53,31 +56,31 @@ class CorpusData:
 
     def history(self, rows: Tensor) -> History:
         """Return the states at some rows with their past."""
-        columns, step = self.columns, self.columns["step"][rows]
+        hand, columns, step = self.hand, self.columns, self.columns["step"][rows]
         fast, slow = past_rows(rows, step, FRAMES), past_rows(rows, step, SLOW_OFFSETS)
         return History(
             joints=columns["joints"][fast],
             fingertips=columns["fingertips"][fast],
             gravity=columns["gravity"][rows],
-            tactile=columns["tactile"][fast].float().unflatten(-1, (4, *TAXELS)),
-            tactile_missing=torch.zeros(len(rows), 4, dtype=torch.bool),
+            tactile=columns["tactile"][fast].float().unflatten(-1, (hand.n_fingers, *hand.taxels)),
+            tactile_missing=torch.zeros(len(rows), hand.n_fingers, dtype=torch.bool),
             slow_loads=self._touch_loads[slow],
             slow_fingertips=columns["fingertips"][slow],
             slow_missing=torch.zeros(len(rows), dtype=torch.bool),
         )
 
     def plan(self, rows: Tensor) -> Tensor:
-        """Return where the operator wants the tips, minus where they are [m]. Shape (batch, 8, 4, 3)."""
+        """Return where the operator wants the tips, minus where they are [m] (batch, 8, fingers, 3)."""
         return self.columns["plan"][rows].float()
 
     def draft(self, rows: Tensor) -> Tensor:
-        """Return what was left of the operator's plan [m]. Shape (batch, 8, 4, 3)."""
+        """Return what was left of the operator's plan [m]. Shape (batch, 8, fingers, 3)."""
         return self.columns["draft"][rows].float()
 
     def executed(self, rows: Tensor) -> Tensor:
         """Return where commands wanted the tips over the next steps, minus where they are [m].
 
-        Rows as in `transition_rows`. Shape (batch, 8, 4, 3).
+        Rows as in `transition_rows`. Shape (batch, 8, fingers, 3).
         """
         ahead = self.columns["wanted"][rows[:, None] + torch.arange(DRAFT_HORIZON)]
         return ahead - self.columns["fingertips"][rows][:, None]
@@ -85,7 +88,7 @@ class CorpusData:
     def drafts_before(self, rows: Tensor) -> Tensor:
         """Return first steps of the drafts before each row, oldest first, zeros before the start.
 
-        Shape (batch, 8, 4, 3) [m].
+        Shape (batch, 8, fingers, 3) [m].
         """
         back = torch.arange(DRAFT_HISTORY, 0, -1)
         known = back <= self.columns["step"][rows].long()[:, None]
@@ -93,8 +96,8 @@ class CorpusData:
         return values * known[..., None, None]
 
     def local_forces(self, rows: Tensor) -> Tensor:
-        """Return the wanted forces in the distal links' frames [N]. Shape (batch, 4, 3)."""
-        rotation = finger_frames(LEAP, self.columns["joints"][rows]).distal_rotation
+        """Return the wanted forces in the distal links' frames [N]. Shape (batch, fingers, 3)."""
+        rotation = finger_frames(self.hand, self.columns["joints"][rows]).distal_rotation
         return (rotation.mT @ self.columns["forces"][rows][..., None]).squeeze(-1)
 
     def continuing(self, steps: int) -> Tensor:
@@ -116,10 +119,28 @@ class CorpusData:
         return rows[self.continuing(DRAFT_HORIZON)[rows]]
 
 
+def _all_shards(folder: Path) -> list[Path]:
+    """Return the shards of all splits that training reads."""
+    return sorted(path for split in SPLITS for path in (folder / split).glob("*.safetensors"))
+
+
+def _hand_of(folder: Path) -> Hand:
+    """Return the hand of all shards that training reads."""
+    first: dict[str, Path] = {}
+    for path in _all_shards(folder):
+        first.setdefault(read_header(path)["hand"], path)
+    if len(first) > 1:
+        found = ", ".join(f"{path} is of '{hand}'" for hand, path in first.items())
+        raise DexFlexError(
+            f"The corpus mixes hands: {found}. A controller serves one hand: give every hand its own corpus."
+        )
+    return get_hand(*first)
+
+
 def corpus_digest(folder: Path) -> str:
     """Return a digest of the splits that training reads, by their files' names, sizes and headers."""
     words = []
-    for path in sorted(path for split in SPLITS for path in (folder / split).glob("*.safetensors")):
+    for path in _all_shards(folder):
         with path.open("rb") as file:
             length = int.from_bytes(file.read(8), "little")
             header = file.read(length).decode(errors="replace")

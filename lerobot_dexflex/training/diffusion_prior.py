@@ -40,8 +40,8 @@ class Batch(NamedTuple):
     """States, the operator's plans and the joint commands that were executed there."""
 
     history: History
-    chunk: Tensor  # (batch, 8, 4, 3) [m]
-    lead: Tensor  # joint targets minus joints (batch, 16) [rad]
+    chunk: Tensor  # (batch, 8, fingers, 3) [m]
+    lead: Tensor  # joint targets minus joints (batch, joints) [rad]
     own: Tensor  # whether the operator's own command was executed (batch,) bool
 
 
@@ -105,7 +105,7 @@ class DexGenStage(Stage):
         """Return the error of every draw [mm]. Shape (rows, draws)."""
         prior, scale = self.average, self._controller.scale
         assert isinstance(prior, DiffusionPrior)
-        shape = (len(chunk), _DRAWS if guidance == 0 else 1, 4, prior.width)
+        shape = (len(chunk), _DRAWS if guidance == 0 else 1, chunk.shape[2], prior.width)
         noise = torch.randn(shape, generator=torch.Generator().manual_seed(0))
         drawn = prior.sample(noise, scale.normalize(draft), guidance, _STEPS, prior.context(state))
         return distance_to(scale.restore(drawn), chunk)

@@ -51,11 +51,11 @@ class Batch(NamedTuple):
     """States, the operator's plans and forces there, and what the hand carries."""
 
     history: History
-    chunk: Tensor  # (batch, 8, 4, 3) [m]
-    executed: Tensor  # motion shown to the decoder (batch, 8, 4, 3) [m]
-    forces: Tensor  # in the distal links' frames (batch, 4, 3) [N]
-    loads: Tensor  # (batch, 4) [N]
-    loads_later: Tensor  # (batch, 4) [N]
+    chunk: Tensor  # (batch, 8, fingers, 3) [m]
+    executed: Tensor  # motion shown to the decoder (batch, 8, fingers, 3) [m]
+    forces: Tensor  # in the distal links' frames (batch, fingers, 3) [N]
+    loads: Tensor  # (batch, fingers) [N]
+    loads_later: Tensor  # (batch, fingers) [N]
     continues: Tensor  # whether loads_later is known (batch,) bool
 
 
@@ -93,7 +93,7 @@ class EncoderPriorStage(Stage):
         average_encoder, average_prior, _ = _networks(self.average)
         with torch.no_grad():
             average_state = average_encoder(History(*[values[n_flow:] for values in batch.history]))
-        t, size = flow_times(len(chunk), n_flow, config.own_time_share, config.clean_share)
+        t, size = flow_times(chunk.shape[2], len(chunk), n_flow, config.own_time_share, config.clean_share)
         flow, consistency = flow_losses(prior, average_prior, state, average_state, chunk, t, size)
         force, pressing = force_losses(
             decoder(state, self._scale.normalize(batch.executed)), batch.forces, decoder.scale
@@ -139,14 +139,15 @@ class EncoderPriorStage(Stage):
 
     def _one_finger(self, prior: Prior, state: State, chunk: Tensor) -> tuple[float, float]:
         """Return the error of a finger drawn anew, the others following the plan, and of its rest [mm]."""
-        x = self._scale.normalize(chunk).unsqueeze(1).expand(-1, 4, -1, -1)
-        own = torch.eye(4, dtype=torch.bool)
+        fingers = chunk.shape[2]
+        x = self._scale.normalize(chunk).unsqueeze(1).expand(-1, fingers, -1, -1)
+        own = torch.eye(fingers, dtype=torch.bool)
         noise = torch.randn(x.shape, generator=torch.Generator().manual_seed(0))
         begin = torch.where(own[..., None], noise, x)
         drawn = prior.sample(begin, (~own).float(), 2, prior.context(state))
-        error = self._scale.restore(drawn) - chunk.unsqueeze(1)  # (rows, draws, 8, 4, 3)
-        mine = torch.stack([error[:, k, :2, k] for k in range(4)], 1)
-        still = torch.stack([chunk[:, :2, k] for k in range(4)], 1)
+        error = self._scale.restore(drawn) - chunk.unsqueeze(1)  # (rows, draws, 8, fingers, 3)
+        mine = torch.stack([error[:, k, :2, k] for k in range(fingers)], 1)
+        still = torch.stack([chunk[:, :2, k] for k in range(fingers)], 1)
         return tuple(1000 * float(v.square().sum(-1).mean().sqrt()) for v in (mine, still))  # pyright: ignore[reportReturnType]
 
     def _readout_metrics(self, encoder: Encoder) -> dict[str, float]:
@@ -172,12 +173,13 @@ def part(controller: DexFlexController) -> nn.Module:
     return nn.ModuleDict({name: controller.get_submodule(name) for name in _PARTS})
 
 
-def flow_times(rows: int, n_flow: int, own_share: float, clean_share: float) -> tuple[Tensor, Tensor]:
-    """Draw flow times and step sizes of every finger, each (rows, 1, 4); sizes of the first `n_flow` are 0.
+def flow_times(
+    fingers: int, rows: int, n_flow: int, own_share: float, clean_share: float
+) -> tuple[Tensor, Tensor]:
+    """Draw flow times and step sizes, each (rows, 1, fingers); sizes of the first `n_flow` rows are 0.
 
     Times are dense near the noise, Beta(1, 1.5); steps and their starts fill the triangle evenly.
     """
-    fingers = 4
     own = torch.rand(rows, 1, 1) < own_share
     u, v = (torch.where(own, torch.rand(rows, 1, fingers), torch.rand(rows, 1, 1)) for _ in range(2))
     t, size = LAST_TIME * (1 - u.pow(1 / 1.5)), torch.zeros(rows, 1, fingers)
@@ -203,9 +205,9 @@ def flow_losses(
         average: Its moving average, the teacher of consistency.
         state: Encoded states.
         average_state: The last of these states, encoded by the average; these rows train consistency.
-        chunk: Normalised data. Shape (batch, 1, 4, horizon * 3).
-        t: Flow times; a finger at 1 is shown as it is and has no loss. Shape (batch, 1, 4).
-        size: Step sizes. Shape (batch, 1, 4).
+        chunk: Normalised data. Shape (batch, 1, fingers, horizon * 3).
+        t: Flow times; a finger at 1 is shown as it is and has no loss. Shape (batch, 1, fingers).
+        size: Step sizes. Shape (batch, 1, fingers).
     """
     rows, n_consistent = len(chunk), len(average_state.body)
     n_flow = rows - n_consistent
@@ -221,7 +223,7 @@ def flow_losses(
 
 @torch.no_grad()
 def _two_half_steps(prior: Prior, state: State, x: Tensor, t: Tensor, half: Tensor) -> Tensor:
-    """Return the mean velocity over two steps of the given size, (batch, 1, 4)."""
+    """Return the mean velocity over two steps of the given size, (batch, 1, fingers)."""
     context = prior.context(state)
     first = prior.velocity(x, t, half, context)
     second = prior.velocity(x + half[..., None] * first, t + half, half, context)
@@ -233,7 +235,7 @@ def force_losses(forces: Forces, target: Tensor, scale: float) -> tuple[Tensor, 
 
     Args:
         forces: From the decoder.
-        target: In the distal links' frames [N]. Shape (batch, 4, 3).
+        target: In the distal links' frames [N]. Shape (batch, fingers, 3).
         scale: Unit of the error [N].
     """
     pressing = target.norm(dim=-1) > CONTACT_FORCE

@@ -39,10 +39,10 @@ class Batch(NamedTuple):
     """Candidates to rank."""
 
     state: State
-    draft: Tensor  # (batch, 8, 4, 3) [m]
-    past: Tensor  # (batch, 8, 4, 3) [m]
-    clean: Tensor  # (batch, 8, 4, 3) [m]
-    chunks: Tensor  # (batch, candidates, 8, 4, 3) [m]
+    draft: Tensor  # (batch, 8, fingers, 3) [m]
+    past: Tensor  # (batch, 8, fingers, 3) [m]
+    clean: Tensor  # (batch, 8, fingers, 3) [m]
+    chunks: Tensor  # (batch, candidates, 8, fingers, 3) [m]
     absent: Tensor  # candidates that take no part (batch, candidates) bool
     hide_latent: Tensor  # (batch,) bool
 
@@ -64,7 +64,7 @@ class ScoreStage(Stage):
         index = torch.randint(len(bank), (config.fit.batch_size,))
         draft, clean = bank.get("draft", index), bank.get("clean", index)
         n_hard = min(config.n_hard, len(index) - 1)
-        hard = clean[_similar(draft, n_hard)]  # (batch, n_hard, 8, 4, 3)
+        hard = clean[_similar(draft, n_hard)]  # (batch, n_hard, 8, fingers, 3)
         chunks = torch.cat([bank.get("chunks", index), hard, clean.unsqueeze(1)], 1)
         absent = torch.zeros(chunks.shape[:2], dtype=torch.bool)
         absent[:, -1] = torch.rand(len(index)) >= config.positive_share

@@ -12,7 +12,7 @@ from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.splitter import Splitter
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import contact_torques, fingertips, leads, pads
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.fit import FitConfig, Stage
@@ -49,8 +49,8 @@ class Batch(NamedTuple):
     """States, drafts, and what of them is squeeze."""
 
     history: History
-    draft: Tensor  # (batch, 8, 4, 3) [m]
-    squeeze: Tensor  # (batch, 4, 3) [m]
+    draft: Tensor  # (batch, 8, fingers, 3) [m]
+    squeeze: Tensor  # (batch, fingers, 3) [m]
 
 
 class SplitterStage(Stage):
@@ -94,30 +94,31 @@ class SplitterStage(Stage):
         return metrics
 
     def _gather(self, data: CorpusData, rows: Tensor) -> Batch:
-        config = self._config
+        config, fingers = self._config, data.hand.n_fingers
         spoilt = torch.rand(len(rows), 1, 1, 1) < config.draft_share
         motion = torch.where(spoilt, data.draft(rows), data.plan(rows))
         strayed = torch.rand(len(rows), 1, 1) < config.strayed_share
         loaded = data.columns["loads"][rows, :, None] > CONTACT_FORCE
-        stray = torch.where(loaded, config.stray_loaded, config.stray) * torch.randn(len(rows), 4, 3)
+        stray = torch.where(loaded, config.stray_loaded, config.stray) * torch.randn(len(rows), fingers, 3)
         motion = motion + (strayed * stray)[:, None]
         pressing = torch.rand(len(rows)) < config.pressing_share
         size = config.least + (config.most - config.least) * torch.rand(len(rows), 1, 1)
-        size = size * (1 + config.unevenness * torch.randn(len(rows), 4, 1))
-        needed = squeeze_of(data.columns["joints"][rows], data.columns["forces"][rows])
+        size = size * (1 + config.unevenness * torch.randn(len(rows), fingers, 1))
+        needed = squeeze_of(data.hand, data.columns["joints"][rows], data.columns["forces"][rows])
         squeeze = pressing[:, None, None] * size * needed
         return Batch(data.history(rows), motion + squeeze[:, None], squeeze)
 
 
-def squeeze_of(joints: Tensor, forces: Tensor) -> Tensor:
+def squeeze_of(hand: Hand, joints: Tensor, forces: Tensor) -> Tensor:
     """Return by how much fingertips must be commanded into an object to press it [m], float32.
 
     Args:
-        joints: Measured [rad]. Shape (batch, 16).
-        forces: Of the fingers on the object, palm frame [N]. Shape (batch, 4, 3).
+        hand: Whose fingertips.
+        joints: Measured [rad]. Shape (batch, joints).
+        forces: Of the fingers on the object, palm frame [N]. Shape (batch, fingers, 3).
     """
-    torques = contact_torques(LEAP, joints, pads(LEAP, joints)[0], forces)
-    return (fingertips(LEAP, joints + leads(LEAP, torques)) - fingertips(LEAP, joints)).float()
+    torques = contact_torques(hand, joints, pads(hand, joints)[0], forces)
+    return (fingertips(hand, joints + leads(hand, torques)) - fingertips(hand, joints)).float()
 
 
 def _rms_mm(values: Tensor) -> float:

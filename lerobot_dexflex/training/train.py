@@ -14,6 +14,7 @@ from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.runs.lock import locked
 from lerobot_dexflex.runs.provenance import weights_digest
 from lerobot_dexflex.training.bank import BankConfig, ProposalBank
@@ -42,12 +43,14 @@ _PARTS: dict[str, Callable[["Trainer"], nn.Module]] = {
 
 @dataclass
 class NetworkConfig:
-    """What of the controller may be chosen; the rest is fixed by the hand."""
+    """What of the controller may be chosen; the hand is the corpus' own."""
 
     use_touch: bool = True
     """Train and run with touch."""
     use_slow: bool = True
     """Train and run with the slow token."""
+    largest_force: float = 8.0
+    """Bound of a finger's force [N]."""
 
 
 @dataclass
@@ -96,8 +99,10 @@ class Trainer:
         torch.manual_seed(config.seed)
         if config.init_from:
             self.controller = DexFlexController.from_pretrained(config.init_from)
+            _check_hand(self.controller.config, self.train.hand, config)
         else:
-            self.controller = DexFlexController(ControllerConfig(**asdict(config.network)))
+            settings = ControllerConfig(hand=self.train.hand.name, **asdict(config.network))
+            self.controller = DexFlexController(settings)
         self.controller.eval().requires_grad_(False)
         self.dexgen = DiffusionPrior(self.controller.config)
 
@@ -153,6 +158,15 @@ class Trainer:
             "network": asdict(config.network),
         }
         return shared | own | self.before(name)
+
+
+def _check_hand(controller: ControllerConfig, hand: Hand, config: TrainConfig) -> None:
+    if controller.hand != hand.name:
+        raise DexFlexError(
+            f"The controller in {config.init_from} was trained for '{controller.hand}', but the corpus in "
+            f"{config.corpus} is of '{hand.name}'. Name a controller of '{hand.name}' with `init_from`, or "
+            "leave it out to train all stages."
+        )
 
 
 def _before(name: str) -> tuple[str, ...]:

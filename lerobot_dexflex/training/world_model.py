@@ -39,9 +39,9 @@ class WorldModelConfig:
 class Events(NamedTuple):
     """What came of a chunk."""
 
-    loaded: Tensor  # fingers in contact now (batch, 4) bool
-    contact_loss: Tensor  # of these, unloaded at the end (batch, 4) bool
-    slip: Tensor  # of these, moved along the object (batch, 4) bool
+    loaded: Tensor  # fingers in contact now (batch, fingers) bool
+    contact_loss: Tensor  # of these, unloaded at the end (batch, fingers) bool
+    slip: Tensor  # of these, moved along the object (batch, fingers) bool
     grasp_loss: Tensor  # (batch,) bool
 
     @property
@@ -54,7 +54,7 @@ class Batch(NamedTuple):
     """Chunks and what they led to."""
 
     now: History
-    chunk: Tensor  # (batch, 8, 4, 3) [m]
+    chunk: Tensor  # (batch, 8, fingers, 3) [m]
     later: History
     events: Events
 
@@ -141,7 +141,7 @@ def events(corpus: CorpusData, rows: Tensor) -> Events:
 
 
 def _in_object(columns: dict[str, Tensor], rows: Tensor) -> Tensor:
-    """Return the fingertips in the object's frame [m]. Shape (batch, 4, 3)."""
+    """Return the fingertips in the object's frame [m]. Shape (batch, fingers, 3)."""
     pose = columns["object"][rows]
     w, v = pose[:, None, 3:4], -pose[:, None, 4:]  # The inverse rotation.
     arm = columns["fingertips"][rows] - pose[:, None, :3]

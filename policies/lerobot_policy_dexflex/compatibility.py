@@ -40,7 +40,7 @@ def check_dataset(meta: Any, inputs: Shapes) -> None:
     Raises:
         DexFlexError: If they differ; the message names the difference and the remedy.
     """
-    robots = {robot_type(joints): joints for joints in (robot_joints(LEAP), LEAP.joint_names)}
+    robots = {robot_type(LEAP, joints): joints for joints in (robot_joints(LEAP), LEAP.joint_names)}
     if meta.robot_type not in robots:
         raise DexFlexError(
             f"The dataset's robot_type is {meta.robot_type!r}, but dexflex_flow drives "
@@ -49,7 +49,7 @@ def check_dataset(meta: Any, inputs: Shapes) -> None:
     if meta.fps != FPS:
         raise DexFlexError(f"The dataset runs at {meta.fps} fps, but the hand at {FPS}. {_REMEDY}")
     features = renamed(meta.features)
-    for key, column in columns(robots[meta.robot_type]).items():
+    for key, column in columns(LEAP, robots[meta.robot_type]).items():
         _check_column(features, key, column.names, f"{column.meaning} [{column.unit}]")
     offered = shapes(dataset_to_policy_features(features))
     _compare(inputs, offered, "the dataset", _dataset_remedy(inputs, offered))
@@ -196,4 +196,4 @@ def _environment_remedy(inputs: Shapes) -> str:
 
 
 def _tasks_of(n_joints: int) -> str:
-    return ", ".join(name for name, task in TASKS.items() if task.joints == n_joints)
+    return ", ".join(name for name, task in TASKS.items() if len(task.joints(LEAP)) == n_joints)

@@ -1,5 +1,6 @@
 """Configuration of `--env.type=dexflex`: the tasks of `lerobot_dexflex` for LeRobot's evaluation."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,8 +18,9 @@ from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
 # Importing the registration here also registers the tasks in asynchronous workers, which import only this.
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS
+from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand, get_hand
 from lerobot_policy_dexflex.frame_index import FrameIndex
-from lerobot_policy_dexflex.normalization import action_sizes
 
 CAMERAS = ("front", "wrist")
 IMAGE_SIZE = 96
@@ -35,6 +37,8 @@ class DexflexEnvConfig(EnvConfig):
     """Time limit in control steps; the task's own if None."""
     options: dict[str, Any] = field(default_factory=dict)
     """Further keyword arguments of the environment, e.g. '{"image_size": 128, "cameras": ["front"]}'."""
+    hand: str = "leap"
+    """The hand, by name."""
     action_size: int = 0
     """Numbers in the action of a policy whose post-processor makes joint targets of them
     (`dexflex_interface_processor`); 0 if the policy itself says joint targets."""
@@ -52,14 +56,16 @@ class DexflexEnvConfig(EnvConfig):
         if self.episode_length is not None and self.episode_length < 1:
             raise ParsingError(f"`episode_length` must be at least 1. Got {self.episode_length}.")
         size, names = self._observed_images()
-        joints = TASKS[self.task].joints
-        sizes = (joints, *action_sizes(joints))
+        hand = self._find_hand()
+        joints, tips = len(TASKS[self.task].joints(hand)), 3 * hand.n_fingers
+        sizes = (joints, joints - hand.n_joints + tips, joints + tips)
         if self.action_size not in (0, *sizes):
             raise ParsingError(
                 f"`action_size` of {self.task} must be {', '.join(map(str, sizes))} or 0. "
                 f"Got {self.action_size}."
             )
-        vectors = {"agent_pos": joints, "tactile": 240, "fingertips": 12, "gravity": 3}
+        taxels = hand.n_fingers * math.prod(hand.taxels)
+        vectors = {"agent_pos": joints, "tactile": taxels, "fingertips": tips, "gravity": 3}
         cameras = [f"{OBS_IMAGES}.{camera}" for camera in names]
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (self.action_size or joints,)),
@@ -70,6 +76,12 @@ class DexflexEnvConfig(EnvConfig):
             key: f"observation.{key}" for key in ("tactile", "fingertips", "gravity")
         }
         self.features_map["agent_pos"] = OBS_STATE
+
+    def _find_hand(self) -> Hand:
+        try:
+            return get_hand(self.hand)
+        except DexFlexError as error:
+            raise ParsingError(f"--env.hand: {error}") from None
 
     def _observed_images(self) -> tuple[int, list[str]]:
         """Return size [pixel] and names of the cameras that `options` ask for."""
@@ -96,7 +108,7 @@ class DexflexEnvConfig(EnvConfig):
     def gym_kwargs(self) -> dict[str, Any]:
         """Keyword arguments of `gymnasium.make`."""
         limit = self.episode_length or TASKS[self.task or ""].max_episode_steps
-        return {"render_mode": "rgb_array", "max_episode_steps": limit, **self.options}
+        return {"render_mode": "rgb_array", "max_episode_steps": limit, "hand": self.hand, **self.options}
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv]]:
         """Return the vectorised task, keyed as LeRobot wants it.
@@ -126,7 +138,7 @@ def _option_names(entry_point: str) -> list[str]:
         for parameter in init.parameters.values()
         if parameter.default != parameter.empty
     }
-    return sorted(names - {"render_mode"})
+    return sorted(names - {"render_mode", "hand"})
 
 
 def _make_env(config: DexflexEnvConfig) -> gymnasium.Env:

@@ -3,6 +3,7 @@
 import warnings
 from typing import Protocol
 
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Interface, Method
 from lerobot_dexflex.runs.provenance import weights_digest
 
@@ -45,7 +46,7 @@ def open_interface(config: LinkConfig) -> tuple[Interface, str]:
     """
     method = Method.parse(config.interface)
     if not method.learned:
-        return method.make(), ""
+        return method.make(LEAP), ""
     weights = method.weights(config.controller)
     folder, found, saved = (
         weights[0].parent,
@@ -56,4 +57,4 @@ def open_interface(config: LinkConfig) -> tuple[Interface, str]:
     if saved.startswith(f"{method.base}:") and saved != found:
         change = f"The controller {folder} ({found}) is not the one that this policy was saved with ({saved})"
     config.controller_digest = found
-    return method.make(folder), change
+    return method.make(LEAP, folder), change

@@ -1,7 +1,6 @@
 """A person's hand as a LeRobot teleoperator: joint targets by name, from inverse kinematics of a stream."""
 
 import logging
-import math
 from contextlib import ExitStack
 from typing import Any
 
@@ -12,7 +11,7 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand import xarm7
 from lerobot_dexflex.hand.model import robot_joints
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.teleop.clock import TICK, Clock, SystemClock
 from lerobot_dexflex.teleop.sources import open_source
 from lerobot_dexflex.teleop.stream_leader import StreamLeader
@@ -22,7 +21,7 @@ _logger = logging.getLogger(__name__)
 
 
 class DexflexGlove(Teleoperator):
-    """Leads any robot whose action is `joint1.pos` ... `joint7.pos`, `if_mcp.pos` ... `th_ipl.pos` [rad].
+    """Leads any robot whose action is `joint1.pos` ... `joint7.pos`, then the hand's joints [rad].
 
     The robot must wait at `config.start` when it connects. It stays there until an open hand was held still;
     then it follows, and holds still within 100 ms when the stream stops or the hand is lost.
@@ -38,6 +37,7 @@ class DexflexGlove(Teleoperator):
     def __init__(self, config: DexflexGloveConfig, clock: Clock | None = None) -> None:
         super().__init__(config)
         self.config = config
+        self._hand = get_hand(config.hand)
         self._clock = clock or SystemClock()
         self._stack = ExitStack()
         self._leader: StreamLeader | None = None
@@ -45,7 +45,7 @@ class DexflexGlove(Teleoperator):
     @property
     def action_features(self) -> dict[str, type]:
         """Joints by name, arm then hand [rad]."""
-        return {f"{joint}.pos": float for joint in robot_joints(LEAP)}
+        return {f"{joint}.pos": float for joint in robot_joints(self._hand)}
 
     @property
     def feedback_features(self) -> dict[str, type]:
@@ -74,15 +74,8 @@ class DexflexGlove(Teleoperator):
         """
         config = self.config
         source = self._stack.enter_context(open_source(config.source, config.stream))
-        self._leader = StreamLeader(
-            source,
-            _logger.info,
-            engaged=True,
-            thumb_scale=config.thumb_scale,
-            scale=config.scale,
-            heading=math.radians(config.heading),
-        )
-        self._leader.put(config.start or (*xarm7.HOME, *LEAP.relaxed_joints))
+        self._leader = StreamLeader(self._hand, source, _logger.info, config, engaged=True)
+        self._leader.put(config.start or (*xarm7.HOME, *self._hand.relaxed_joints))
         if calibrate:
             try:
                 self.calibrate()

@@ -45,6 +45,7 @@ from torch import Tensor
 from lerobot_dexflex.conventions import COMMANDED, DRAFTS, FINGERTIPS, GRAVITY, STATE, TACTILE
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Interface, Method
 from lerobot_policy_dexflex.controller_link import open_interface
 from lerobot_policy_dexflex.frame_index import FRAME_INDEX
@@ -52,7 +53,7 @@ from lerobot_policy_dexflex.normalization import action_sizes
 
 OBSERVATION_STEP, INTERFACE_STEP = "dexflex_observation_processor", "dexflex_interface_processor"
 _KEYS = (STATE, TACTILE, FINGERTIPS, GRAVITY, FRAME_INDEX)
-_ROBOTS = sorted({task.joints for task in TASKS.values()})
+_ROBOTS = sorted({len(task.joints(LEAP)) for task in TASKS.values()})
 """Joints of our robots: the hand alone, arm and hand."""
 
 Features = dict[PipelineFeatureType, dict[str, PolicyFeature]]

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from lerobot_dexflex.conventions import FINGERTIPS, GRAVITY, MEASURED, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.grip import loads_of
 from lerobot_policy_dexflex.augmentation import jitter, shift_images, vary_light
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
@@ -276,7 +277,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         chunk = self.predict_plan(batch, noise)[..., self._executed]
         if self._part != MEASURED:
             return chunk
-        n_arm, touching = self.plan.n_arm, loads_of(batch[TACTILE]) > CONTACT_FORCE
+        n_arm, touching = self.plan.n_arm, loads_of(LEAP, batch[TACTILE]) > CONTACT_FORCE
         tips = without_squeeze(chunk[..., n_arm:], batch[FINGERTIPS], touching)
         return torch.cat([chunk[..., :n_arm], tips], -1)
 

@@ -8,17 +8,18 @@ import pytest
 from lerobot_dexflex.commands.human import HumanErrors, Person, Wander
 from lerobot_dexflex.commands.levels import LEVELS, TREMOR_CORRELATION
 from lerobot_dexflex.conventions import CONTROL_PERIOD
+from lerobot_dexflex.hands import LEAP, SHARPA
 
 STEPS = 400
 NAMES = list(LEVELS)
 
 
-def person(name, seed=0):
-    return HumanErrors(LEVELS[name], np.random.default_rng(seed))
+def person(name, seed=0, hand=LEAP):
+    return HumanErrors(hand, LEVELS[name], np.random.default_rng(seed))
 
 
-def offsets(name, seed=0, steps=STEPS):
-    human, found = person(name, seed), []
+def offsets(name, seed=0, steps=STEPS, hand=LEAP):
+    human, found = person(name, seed, hand), []
     for _ in range(steps):
         human.advance()
         found.append(human.offset)
@@ -77,7 +78,9 @@ def test_offsets_are_smooth_tremor_is_fast_and_drift_is_slow():
         values = np.array([wander.step() for _ in range(4000)]).reshape(4000, -1)
         return np.mean([np.corrcoef(v[:-lag], v[lag:])[0, 1] for v in values.T])
 
-    assert correlation(Wander(rng, 1.0, TREMOR_CORRELATION), 1) == pytest.approx(TREMOR_CORRELATION, abs=0.05)
+    assert correlation(Wander(LEAP, rng, 1.0, TREMOR_CORRELATION), 1) == pytest.approx(
+        TREMOR_CORRELATION, abs=0.05
+    )
     found = offsets("novice", steps=4000).reshape(4000, -1)
     steps = np.diff(found, axis=0).std() / found.std()
     assert steps < 0.5  # White noise: 1.41.
@@ -85,26 +88,29 @@ def test_offsets_are_smooth_tremor_is_fast_and_drift_is_slow():
     assert 0.2 < np.mean(late) < 0.7
 
 
-def test_fingers_have_their_own_errors():
-    found = offsets("typical", steps=4000).reshape(4000, 4, 3)
-    between = np.corrcoef(found[:, :, 0].T)[np.triu_indices(4, 1)]
+@pytest.mark.parametrize("hand", [LEAP, SHARPA], ids=lambda hand: hand.name)
+def test_fingers_have_their_own_errors(hand):
+    found = offsets("typical", steps=4000, hand=hand)
+    assert found.shape == (4000, hand.n_fingers, 3)
+    between = np.corrcoef(found[:, :, 0].T)[np.triu_indices(hand.n_fingers, 1)]
     assert np.abs(between).max() < 0.5
 
 
 def test_tremor_lies_above_8_hz():
-    wander = Wander(np.random.default_rng(1), 1.0, TREMOR_CORRELATION)
+    wander = Wander(LEAP, np.random.default_rng(1), 1.0, TREMOR_CORRELATION)
     values = np.array([wander.step()[0, 0] for _ in range(8192)])
     power = np.abs(np.fft.rfft(values)) ** 2
     hertz = np.fft.rfftfreq(len(values), CONTROL_PERIOD)
     assert power[hertz > 8].sum() > 0.6 * power.sum()
 
 
+@pytest.mark.parametrize("hand", [LEAP, SHARPA], ids=lambda hand: hand.name)
 @pytest.mark.parametrize("name", NAMES)
-def test_a_finger_is_lost_now_and_then_for_as_long_as_the_table_says(name):
+def test_a_finger_is_lost_now_and_then_for_as_long_as_the_table_says(name, hand):
     level = LEVELS[name]
     onsets, lengths, fingers = [], [], set()
     for seed in range(10):
-        human, begun = person(name, seed), []
+        human, begun = person(name, seed, hand), []
         for step in range(STEPS * 2):
             if human.advance():
                 begun.append(step)
@@ -120,7 +126,7 @@ def test_a_finger_is_lost_now_and_then_for_as_long_as_the_table_says(name):
     assert level.every[0] - 0.05 <= seconds.min() < seconds.max() <= level.every[1] + 0.05
     assert level.lost[0] <= min(lengths) * CONTROL_PERIOD + 1e-9
     assert max(lengths) * CONTROL_PERIOD <= level.lost[1] + 1e-9
-    assert fingers == {0, 1, 2, 3}
+    assert fingers == set(range(hand.n_fingers))
 
 
 @pytest.mark.parametrize("name", NAMES)

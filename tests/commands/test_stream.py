@@ -10,6 +10,7 @@ import torch
 from lerobot_dexflex.commands.draws import ErrorEvent
 from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.commands.stream import ErrorStream, seeds_of
+from lerobot_dexflex.hands import LEAP, SHARPA
 
 STEPS, HORIZON = 100, 8
 GOALS = 1e-3 * np.arange(12, dtype=np.float64).reshape(4, 3) * np.arange(1, STEPS + 1)[:, None, None]
@@ -26,7 +27,7 @@ NAMES = [
 
 
 def begun(names, seeds):
-    stream = ErrorStream(len(names))
+    stream = ErrorStream(LEAP, len(names))
     for row, (name, seed) in enumerate(zip(names, seeds, strict=True)):
         errors = CommandErrors.parse(name)
         stream.begin(row, errors, seeds_of(errors, seed))
@@ -246,3 +247,26 @@ def test_a_command_that_knows_no_future_has_one_error_in_all_its_steps():
         errors.append(moved[0, 0])
         assert 0 < moved.abs().max() <= 0.002
     assert not torch.equal(*errors)
+
+
+def test_any_finger_of_any_hand_may_drop_out_or_be_removed():
+    fingers = SHARPA.n_fingers
+    goals, inward = torch.zeros(1, 1, fingers, 3).double(), torch.ones(1, fingers, 3).double()
+    dropped = set()
+    for seed in range(12):
+        stream = ErrorStream(SHARPA, 1)
+        errors = CommandErrors.parse("dropout_5")
+        stream.begin(0, errors, seeds_of(errors, seed))
+        for _ in range(STEPS):
+            stream.step(goals, goals[:, 0], torch.ones(1, fingers), inward)
+        dropped |= {event.finger for event in stream.events}
+    assert dropped == set(range(fingers))
+    for most in range(fingers):
+        stream = ErrorStream(SHARPA, 1)
+        errors = CommandErrors.parse("removal_2mm")
+        stream.begin(0, errors, seeds_of(errors, most))
+        loads = torch.ones(1, fingers).double()
+        loads[0, most] = 2.0
+        found = [stream.step(goals, goals[:, 0], loads, inward)[0, 0] for _ in range(STEPS)]
+        gone = torch.stack(found).abs().amax((0, 2)) > 1e-9
+        assert gone.nonzero().flatten().tolist() == [most]

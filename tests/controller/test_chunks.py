@@ -7,7 +7,7 @@ def test_scale_is_isotropic_per_step_and_finger_and_inverts():
     torch.manual_seed(0)
     sizes = 0.001 * torch.arange(1, 9)[:, None] * torch.tensor([1.0, 2.0, 3.0, 0.5])
     chunks = sizes[..., None] * torch.randn(500, 8, 4, 3).clamp(-5, 5)
-    scale = ChunkScale()
+    scale = ChunkScale(4)
     scale.fit(chunks)
     torch.testing.assert_close(scale.scale, sizes, rtol=0.1, atol=0)
     values = scale.normalize(chunks)
@@ -17,12 +17,12 @@ def test_scale_is_isotropic_per_step_and_finger_and_inverts():
 
 
 def test_a_wild_chunk_reaches_the_networks_bounded():
-    scale = ChunkScale()
+    scale = ChunkScale(4)
     assert scale.normalize(torch.full((1, 8, 4, 3), 10.0)).tolist() == [[[6.0] * 24] * 4]
 
 
 def test_a_finger_that_never_moves_leaves_the_scale_positive():
-    scale = ChunkScale()
+    scale = ChunkScale(4)
     scale.fit(torch.zeros(5, 8, 4, 3))
     assert scale.scale.min() > 0
     assert scale.normalize(torch.zeros(1, 8, 4, 3)).eq(0).all()

@@ -4,6 +4,7 @@ import pytest
 
 from lerobot_dexflex.controller import ControllerConfig
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP, SHARPA
 
 
 def test_config_survives_json(tmp_path):
@@ -15,7 +16,6 @@ def test_config_survives_json(tmp_path):
 @pytest.mark.parametrize(
     "change",
     [
-        {"embodiment": "allegro"},
         {"rate": 50.0},
         {"format": 1},
         {"draft_definition": "commanded_displacement"},
@@ -23,7 +23,7 @@ def test_config_survives_json(tmp_path):
     ],
     ids=lambda change: next(iter(change)),
 )
-def test_config_of_another_hand_rate_or_format_is_refused(change):
+def test_config_of_another_rate_or_format_is_refused(change):
     with pytest.raises(DexFlexError, match=next(iter(change))):
         ControllerConfig(**change)
 
@@ -37,17 +37,28 @@ def test_a_controller_of_the_old_drafts_is_refused_with_the_remedy(tmp_path):
         ControllerConfig.load(path)
 
 
-def test_config_checks_the_hand_and_the_rate_it_runs_at():
-    config = ControllerConfig()
-    config.check("leap_right", 20.0)
-    with pytest.raises(DexFlexError, match="allegro"):
-        config.check(embodiment="allegro")
-    with pytest.raises(DexFlexError, match="50 Hz"):
-        config.check(rate=50.0)
+def test_config_of_a_hand_that_nobody_knows_is_refused_with_those_there_are():
+    with pytest.raises(DexFlexError, match=r"'allegro'.*'leap', 'sharpa'"):
+        ControllerConfig(hand="allegro")
+
+
+@pytest.mark.parametrize(("trained", "other"), [(LEAP, SHARPA), (SHARPA, LEAP)], ids=["leap", "sharpa"])
+def test_a_controller_moves_the_hand_alone_that_it_was_trained_for(trained, other):
+    config = ControllerConfig(hand=trained.name)
+    config.check(trained)
+    message = rf"in some/folder was trained for '{trained.name}', but the robot is '{other.name}'"
+    with pytest.raises(DexFlexError, match=rf"{message}.*--policy\.controller=.*--hand={other.name}"):
+        config.check(other, "The controller in some/folder")
+
+
+def test_a_controller_of_an_older_format_is_refused_by_the_format():
+    """Not by the entries that only it has."""
+    with pytest.raises(DexFlexError, match=r"`format` 3 cannot run here: this code serves 4"):
+        ControllerConfig.from_dict({"format": 3, "embodiment": "leap_right"})
 
 
 def test_foreign_configuration_is_refused():
-    with pytest.raises(DexFlexError, match=r"missing .*embodiment.*unknown .*n_layers"):
+    with pytest.raises(DexFlexError, match=r"missing .*hand.*unknown .*n_layers"):
         ControllerConfig.from_dict({"n_layers": 3})
 
 
@@ -76,8 +87,9 @@ def test_a_value_of_another_kind_or_range_is_refused_by_its_name(change, valid):
         ControllerConfig(**change)
 
 
-def test_widths_add_up():
-    config = ControllerConfig()
-    assert config.latent_width == config.body_width + config.contact_width + 4 * config.finger_width
+@pytest.mark.parametrize(("hand", "fingers", "chunk"), [("leap", 4, 96), ("sharpa", 5, 120)])
+def test_widths_add_up(hand, fingers, chunk):
+    config = ControllerConfig(hand=hand)
+    assert config.latent_width == config.body_width + config.contact_width + fingers * config.finger_width
     assert config.feature_width == config.latent_width + config.slow_width
-    assert config.chunk_width == 96
+    assert config.chunk_width == chunk

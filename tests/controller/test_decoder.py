@@ -8,7 +8,7 @@ from torch.nn.functional import normalize
 from lerobot_dexflex.controller.decoder import Forces
 
 
-def test_no_force_exceeds_the_largest_and_its_direction_stays(controller, history, draft):
+def test_no_force_exceeds_the_largest_and_its_direction_stays(hand, controller, history, draft):
     state = controller.encode(history)
     vectors = []
     for factor in (1000.0, 0.1):
@@ -18,7 +18,7 @@ def test_no_force_exceeds_the_largest_and_its_direction_stays(controller, histor
         vectors.append(scaled.decode(state, draft[0]).vector)
     large, small = vectors
     largest = controller.config.largest_force
-    torch.testing.assert_close(large.norm(dim=-1), torch.full((3, 4), largest))
+    torch.testing.assert_close(large.norm(dim=-1), torch.full((3, hand.n_fingers), largest))
     assert small.norm(dim=-1).max() < largest
     torch.testing.assert_close(normalize(large, dim=-1), normalize(small, dim=-1))
 

@@ -10,10 +10,9 @@ from lerobot_dexflex.errors import DexFlexError
 CONFIG = ControllerConfig(prior_width=32, prior_heads=2)
 
 
-def states(rows, seed=0):
-    generator = torch.Generator().manual_seed(seed)
-    config = CONFIG
-    shapes = [(config.body_width,), (config.contact_width,), (4, config.finger_width), (config.slow_width,)]
+def states(rows, config=CONFIG):
+    generator, tokens = torch.Generator().manual_seed(0), (config.n_fingers, config.finger_width)
+    shapes = [(config.body_width,), (config.contact_width,), tokens, (config.slow_width,)]
     return State(*(torch.randn(rows, *shape, generator=generator) for shape in shapes))
 
 
@@ -89,10 +88,11 @@ def test_it_learns_chunks_that_depend_on_the_state():
     assert (found - chunks[:, None]).abs().mean() < 0.2
 
 
-def test_inverse_dynamics_know_nothing_of_single_contacts(prior):
-    state, chunk = states(2), normal(2, 4, 24)
+def test_inverse_dynamics_know_nothing_of_single_contacts(hand):
+    config = replace(CONFIG, hand=hand.name)
+    prior, state, chunk = DiffusionPrior(config).eval(), states(2, config), normal(2, hand.n_fingers, 24)
     lead = prior.lead(state, chunk)
-    assert lead.shape == (2, 16)
+    assert lead.shape == (2, hand.n_joints)
     other = state._replace(contact=state.contact + 1, fingers=state.fingers + 1)
     assert torch.equal(prior.lead(other, chunk), lead)
     assert not torch.equal(prior.lead(state._replace(body=state.body.flip(0)), chunk), lead)

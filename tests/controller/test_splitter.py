@@ -4,13 +4,13 @@ import copy
 
 import torch
 
-from lerobot_dexflex.controller import DexFlexController
+from lerobot_dexflex.controller import ControllerConfig, DexFlexController
 
 
-def test_untrained_it_takes_every_draft_for_motion(history, draft):
-    controller = DexFlexController().eval().requires_grad_(False)
+def test_untrained_it_takes_every_draft_for_motion(hand, history, draft):
+    controller = DexFlexController(ControllerConfig(hand=hand.name)).eval().requires_grad_(False)
     squeeze = controller.squeeze(controller.encode(history), 100 * draft[0])
-    assert squeeze.shape == (3, 4, 3)
+    assert squeeze.shape == (3, hand.n_fingers, 3)
     assert not squeeze.any()
 
 

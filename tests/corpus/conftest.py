@@ -11,9 +11,10 @@ from lerobot_dexflex.corpus.schema import OPERATED
 from lerobot_dexflex.corpus.shard import Shard
 from lerobot_dexflex.corpus.world import Push, Slip, World
 from lerobot_dexflex.experts.reach.operator import Operator
+from lerobot_dexflex.hands import LEAP, SHARPA
 
-SEED = 4
-"""A capsule in a firm grasp."""
+SEEDS = {LEAP.name: 4, SHARPA.name: 6}
+"""A capsule and a cylinder in firm grasps, which the operator can also hold without one of its fingers."""
 STEPS, NOISE = 40, 5e-4
 
 
@@ -29,17 +30,27 @@ class Recorded(NamedTuple):
     """Whether the noisy draft was executed."""
 
 
-@pytest.fixture(scope="session")
-def episode():
-    return CorpusEnv().draw(SEED)
+@pytest.fixture(scope="session", params=[LEAP, SHARPA], ids=lambda hand: hand.name)
+def hand(request):
+    return request.param
 
 
 @pytest.fixture(scope="session")
-def world():
+def seed(hand):
+    return SEEDS[hand.name]
+
+
+@pytest.fixture(scope="session")
+def episode(hand, seed):
+    return CorpusEnv(hand).draw(seed)
+
+
+@pytest.fixture(scope="session")
+def world(hand):
     return World(
         seed=3,
         gravity_rate=0.1,
-        gains=tuple(np.linspace(0.9, 1.1, 16)),
+        gains=tuple(np.linspace(0.9, 1.1, hand.n_joints)),
         damping=1.2,
         joint_noise=0.002,
         sway=(1.0, 0.0, 0.0),
@@ -50,9 +61,9 @@ def world():
 
 
 @pytest.fixture(scope="session")
-def recorded(episode, world):
+def recorded(hand, seed, episode, world):
     """An episode of 40 steps; in 8 to 15 the noisy draft is executed."""
-    run = RunningEpisode(CorpusEnv(), episode, world, OPERATED, {"seed": SEED, "commit": "none"})
+    run = RunningEpisode(CorpusEnv(hand), episode, world, OPERATED, {"seed": seed, "commit": "none"})
     rng = np.random.default_rng(0)
     operator, guidances, drafts, states = Operator(run.senses, rng, strength=1.2), [], [], []
     spoilt = np.arange(STEPS) // 8 == 1

@@ -9,9 +9,10 @@ import yaml
 from lerobot_dexflex.corpus import generate
 from lerobot_dexflex.corpus.cli import main
 from lerobot_dexflex.corpus.config import CorpusConfig, Jobs, Shares
-from lerobot_dexflex.corpus.schema import COLUMNS, KINDS, SNAPSHOT_COLUMNS
+from lerobot_dexflex.corpus.schema import KINDS, columns, snapshot_columns
 from lerobot_dexflex.corpus.shard import Shard, read_header, read_shard, shard_path, write_shard
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.runs.lock import locked
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs/corpus").glob("*.yaml"))
@@ -20,12 +21,13 @@ CONFIGS = sorted((Path(__file__).parents[2] / "configs/corpus").glob("*.yaml"))
 def fake_job(config, commit, split, number):
     """Write four empty steps instead of simulating."""
     seed = config.object_seeds(split, number)[0]
-    columns = {**COLUMNS, **SNAPSHOT_COLUMNS}
-    rows = {key: np.zeros((4, *(size or 1 for size in c.shape)), c.dtype) for key, c in columns.items()}
+    hand = get_hand(config.hand)
+    types = columns(hand) | snapshot_columns(hand)
+    rows = {key: np.zeros((4, *(size or 1 for size in c.shape)), c.dtype) for key, c in types.items()}
     rows["step"] = np.arange(4, dtype=np.int16)
     rows["snapshot_step"] = np.arange(4, dtype=np.int32)
     totals = {"steps": 4, "cpu_seconds": 0.5, "pattern_1111": 3, "pattern_0111": 1}
-    shard = Shard(rows, [{"seed": seed, "commit": commit}], totals)
+    shard = Shard(hand, rows, [{"seed": seed, "commit": commit}], totals)
     write_shard(shard_path(config.output / split, number), shard)
 
 
@@ -93,6 +95,9 @@ def test_another_recipe_or_folder_is_refused_untouched(config, tmp_path):
     config.steps_per_object = 7
     with pytest.raises(DexFlexError, match="steps_per_object: 600 there, 7 now"):
         generate.generate(config, [])
+    config.steps_per_object, config.hand = 600, "sharpa"
+    with pytest.raises(DexFlexError, match="hand: leap there, sharpa now"):
+        generate.generate(config, [])
     assert (config.output / "recipe.yaml").read_text() == before
     config.output = tmp_path / "other"
     config.output.mkdir()
@@ -125,6 +130,7 @@ def test_two_processes_do_not_work_in_one_corpus(config):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
+        ({"hand": "claw"}, "no hand 'claw'.*'leap', 'sharpa'"),
         ({"workers": -1}, "must not be negative"),
         ({"objects_per_job": 0}, "must be positive"),
         ({"jobs": Jobs(2000, 0, 0)}, "`train` may have at most 10000 objects"),
@@ -157,25 +163,22 @@ def test_the_command_line_reads_a_file_and_overrides(config, tmp_path, capsys):
     assert "error: " in capsys.readouterr().err
 
 
-def small(output, seed=0):
-    """A corpus of one object; its first episode of a kind exceeds that kind's share."""
-    return CorpusConfig(output, seed, workers=0, jobs=Jobs(1, 0, 0), objects_per_job=1, steps_per_object=20)
+def small(output, seed=0, objects=1, hand="leap"):
+    """A corpus of few objects; its first episode of a kind exceeds that kind's share."""
+    return CorpusConfig(output, seed, 0, Jobs(1, 0, 0), objects, steps_per_object=20 // objects, hand=hand)
 
 
 def only_shard(config):
     return read_shard(shard_path(config.output / "train", 0))
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    config = small(tmp_path_factory.mktemp("made") / "corpus")
+def test_a_job_makes_episodes_of_all_kinds_and_counts_what_they_hold(hand, tmp_path):
+    config = small(tmp_path / "corpus", objects=2, hand=hand.name)
     assert generate.generate(config, [])
-    return config
-
-
-def test_a_job_makes_episodes_of_all_kinds_and_counts_what_they_hold(made):
-    shard = only_shard(made)
+    shard = only_shard(config)
     rows, totals = shard.tensors, shard.totals
+    assert shard.hand == hand
+    assert yaml.safe_load((config.output / "recipe.yaml").read_text())["recipe"]["hand"] == hand.name
     assert [KINDS[episode["kind"]] for episode in shard.episodes] == list(KINDS)
     np.testing.assert_array_equal(rows["kind"], [shard.episodes[k]["kind"] for k in rows["episode"]])
     for kind, name in enumerate(
@@ -186,14 +189,14 @@ def test_a_job_makes_episodes_of_all_kinds_and_counts_what_they_hold(made):
     assert sum(patterns) == totals["steps"] == len(rows["step"])
     assert totals["turned_rad"] > 0.5 * totals["strokes_rad"] > 0
     assert totals["goals_attempted"] >= totals["goals_solved"] > 0
-    assert {episode["seed"] for episode in shard.episodes} == {0}
+    assert {episode["seed"] for episode in shard.episodes} <= {0, 1}
 
 
-def test_the_same_seed_makes_the_same_shard_and_another_seed_another(made, tmp_path):
-    again, other = small(tmp_path / "again"), small(tmp_path / "other", seed=1)
-    for config in (again, other):
+def test_the_same_seed_makes_the_same_shard_and_another_seed_another(tmp_path):
+    configs = [small(tmp_path / name, seed) for name, seed in (("once", 0), ("again", 0), ("other", 1))]
+    for config in configs:
         generate.generate(config, [])
-    first, second, third = (only_shard(config) for config in (made, again, other))
+    first, second, third = (only_shard(config) for config in configs)
     assert first.episodes == second.episodes
     for key, value in first.tensors.items():
         np.testing.assert_array_equal(value, second.tensors[key], key)

@@ -15,14 +15,15 @@ from lerobot_dexflex.corpus.turning import Turning, find_turn
 from lerobot_dexflex.corpus.world import World
 from lerobot_dexflex.experts.reach.operator import Operator
 from lerobot_dexflex.hand.poses import rotation_between
+from lerobot_dexflex.hands import LEAP
 
 
-def followed(episode, errors, steps=60, strength=1.0):
+def followed(hand, episode, errors, steps=60, strength=1.0):
     """Return the running episode and the leader, at the end."""
     rng = np.random.default_rng(0)
-    run = RunningEpisode(CorpusEnv(), episode, World(), OPERATED, {})
+    run = RunningEpisode(CorpusEnv(hand), episode, World(), OPERATED, {})
     leader = GoalFollower(run, rng, steps, strength)
-    run.run(leader, Distortion(errors, rng))
+    run.run(leader, Distortion(hand, errors, rng))
     return run, leader
 
 
@@ -50,7 +51,7 @@ def test_an_unsteady_grip_errs_by_a_share_of_its_forces_that_lasts_some_steps():
     grip = np.array([[3.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])
     sizes, correlations = [], []
     for seed in range(30):
-        unsteady = UnsteadyGrip(np.random.default_rng(seed))
+        unsteady = UnsteadyGrip(LEAP, np.random.default_rng(seed))
         errors = np.array([unsteady.step(grip) for _ in range(200)])
         assert not errors[:, 3].any()
         share = errors[:, :3] / np.linalg.norm(grip[:3], axis=1)[:, None]
@@ -61,10 +62,10 @@ def test_an_unsteady_grip_errs_by_a_share_of_its_forces_that_lasts_some_steps():
     assert 0.7 < np.mean(correlations) < 0.85
 
 
-def test_an_error_of_the_grip_changes_what_is_executed_and_not_what_is_recorded_as_right(episode):
+def test_an_error_of_the_grip_changes_what_is_executed_and_not_what_is_recorded_as_right(hand, episode):
     found = []
-    for error in (None, np.full((4, 3), 0.4)):
-        run = RunningEpisode(CorpusEnv(), episode, World(), OPERATED, {})
+    for error in (None, np.full((hand.n_fingers, 3), 0.4)):
+        run = RunningEpisode(CorpusEnv(hand), episode, World(), OPERATED, {})
         guidance = Operator(run.senses, np.random.default_rng(0)).guide(run.now)
         run.step(guidance, guidance.tips - run.now.tips, False, error)
         found.append(run.finish().tensors)
@@ -74,8 +75,8 @@ def test_an_error_of_the_grip_changes_what_is_executed_and_not_what_is_recorded_
     assert np.abs(steady["joint_targets"] - unsteady["joint_targets"]).max() > 0.005
 
 
-def test_the_operators_command_and_spoilt_drafts_take_turns(episode):
-    run, _ = followed(episode, CommandErrors.of(noise=0.001), steps=150)
+def test_the_operators_command_and_spoilt_drafts_take_turns(hand, episode):
+    run, _ = followed(hand, episode, CommandErrors.of(noise=0.001), steps=150)
     rows = run.finish().tensors
     lengths = np.diff(np.flatnonzero(np.diff(rows["expert"].astype(int))))
     assert rows["expert"][0]
@@ -87,8 +88,8 @@ def test_the_operators_command_and_spoilt_drafts_take_turns(episode):
     assert difference[~rows["expert"]].max() <= 0.001 + 2e-5
 
 
-def test_clean_drafts_are_the_plan_and_reach_goals(episode):
-    run, leader = followed(episode, NO_ERRORS, steps=120)
+def test_clean_drafts_are_the_plan_and_reach_goals(hand, episode):
+    run, leader = followed(hand, episode, NO_ERRORS, steps=120)
     rows = run.finish().tensors
     assert leader.solved >= 2
     assert leader.attempted >= leader.solved
@@ -98,22 +99,22 @@ def test_clean_drafts_are_the_plan_and_reach_goals(episode):
     assert not rows["expert"].all()
 
 
-def test_another_strength_is_exerted_but_the_right_forces_are_recorded(episode):
+def test_another_strength_is_exerted_but_the_right_forces_are_recorded(hand, episode):
     found = {}
     for strength in (0.8, 1.6):
-        run, _ = followed(episode, NO_ERRORS, steps=20, strength=strength)
+        run, _ = followed(hand, episode, NO_ERRORS, steps=20, strength=strength)
         rows = run.finish().tensors
         found[strength] = rows["forces"][0], rows["loads"][-10:].sum(1).mean()
     np.testing.assert_array_equal(found[0.8][0], found[1.6][0])  # In the first state, which is the same.
     assert found[1.6][1] > 1.3 * found[0.8][1]
 
 
-def test_an_object_is_taken_carried_and_given_back(episode):
-    env, rng, world = CorpusEnv(), np.random.default_rng(1), World()
+def test_an_object_is_taken_carried_and_given_back(hand, episode):
+    env, rng, world = CorpusEnv(hand), np.random.default_rng(1), World()
     opening = find_opening(env, episode, rng)
     assert opening is not None
     run = RunningEpisode(env, open_episode(episode, world, opening, rng), world, ACQUIRED, {})
-    run.run(Acquisition(opening, rng), Distortion(NO_ERRORS, rng))
+    run.run(Acquisition(opening, rng), Distortion(hand, NO_ERRORS, rng))
     rows = run.finish().tensors
     taken, given = world.supports
     assert taken.stop is not None
@@ -140,18 +141,18 @@ def test_an_object_is_taken_carried_and_given_back(episode):
     assert width[opening.active].min() > 0.01
 
 
-def test_an_object_on_a_hinge_is_turned_by_strokes_with_regrasps(episode):
-    env, rng = CorpusEnv(), np.random.default_rng(1)
+def test_an_object_on_a_hinge_is_turned_by_strokes_with_regrasps(hand, episode):
+    env, rng = CorpusEnv(hand), np.random.default_rng(1)
     opening = find_opening(env, episode, rng)
     assert opening is not None
-    turn = find_turn(opening, episode, rng)
+    turn = find_turn(hand, opening, episode, rng)
     assert turn is not None
     assert abs(turn.end - turn.begin) > 0.15
     joints = tuple(opening.joints.tolist())
     start = replace(episode, hand_joints=joints, joint_targets=joints)
     run = RunningEpisode(env, start, World(hinge=turn.hinge), TURNED, {})
     leader = Turning(opening, rng, 1.0, turn)
-    run.run(leader, Distortion(NO_ERRORS, rng))
+    run.run(leader, Distortion(hand, NO_ERRORS, rng))
     rows = run.finish().tensors
     assert leader.strokes >= 2
     assert leader.done > 0.6 * leader.wanted
@@ -166,15 +167,15 @@ def test_an_object_on_a_hinge_is_turned_by_strokes_with_regrasps(episode):
     assert not rows["forces"][0].any()
 
 
-def test_an_object_that_no_finger_can_turn_is_left_out(episode):
-    env, rng = CorpusEnv(), np.random.default_rng(1)
+def test_an_object_that_no_finger_can_turn_is_left_out(hand, episode):
+    env, rng = CorpusEnv(hand), np.random.default_rng(1)
     opening = find_opening(env, episode, rng)
     assert opening is not None
     far = opening._replace(closed=opening.closed + np.array([0.0, 0.0, -0.2]))
-    assert find_turn(far, episode, rng) is None
+    assert find_turn(hand, far, episode, rng) is None
 
 
-def test_a_dropped_object_ends_the_episode(episode):
+def test_a_dropped_object_ends_the_episode(hand, episode):
     class LettingGo(GoalFollower):
         """Asks for what it wants without any grip, away from the object."""
 
@@ -182,11 +183,13 @@ def test_a_dropped_object_ends_the_episode(episode):
             guidance = super().guide(run)
             if guidance is None:
                 return None
-            return guidance._replace(joints=run.now.joints - 0.1 * np.tile([1.0, 0.0, 1.0, 1.0], 4))
+            return guidance._replace(
+                joints=run.now.joints + 0.15 * (np.array(hand.relaxed_joints) - run.now.joints)
+            )
 
     rng = np.random.default_rng(0)
-    run = RunningEpisode(CorpusEnv(), episode, World(), OPERATED, {})
-    run.run(LettingGo(run, rng, 100), Distortion(NO_ERRORS, rng))
+    run = RunningEpisode(CorpusEnv(hand), episode, World(), OPERATED, {})
+    run.run(LettingGo(run, rng, 100), Distortion(hand, NO_ERRORS, rng))
     rows = run.finish().tensors
     assert len(rows["step"]) < 100
     assert rows["lost"][-1]

@@ -2,31 +2,34 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS, check_rows
+from lerobot_dexflex.corpus.schema import check_rows, columns, snapshot_columns
 from lerobot_dexflex.corpus.shard import Shard, concatenate, read_shard, shard_path, write_shard
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP, SHARPA
 
 
-def filled(columns, rows, width=5):
+def filled(types, rows, width=5):
     rng = np.random.default_rng(rows)
-    shapes = {key: (rows, *(size or width for size in c.shape)) for key, c in columns.items()}
-    return {key: rng.integers(0, 2, shapes[key]).astype(c.dtype) for key, c in columns.items()}
+    shapes = {key: (rows, *(size or width for size in c.shape)) for key, c in types.items()}
+    return {key: rng.integers(0, 2, shapes[key]).astype(c.dtype) for key, c in types.items()}
 
 
-def small_shard(rows=16, episodes=({"kind": 0, "commit": "a"},)):
-    tensors = filled(COLUMNS, rows) | filled(SNAPSHOT_COLUMNS, 2)
+def small_shard(rows=16, hand=LEAP):
+    tensors = filled(columns(hand), rows) | filled(snapshot_columns(hand), 2)
     tensors["step"] = np.arange(rows, dtype=np.int16)
     tensors["episode"] = np.zeros(rows, np.int32)
     tensors["snapshot_step"] = np.array([0, 8], np.int32)
-    return Shard(tensors, list(episodes), {"steps": rows})
+    return Shard(hand, tensors, [{"kind": 0, "commit": "a"}], {"steps": rows})
 
 
-def test_a_shard_survives_the_disk(tmp_path):
-    shard, path = small_shard(), shard_path(tmp_path / "train", 7)
+@pytest.mark.parametrize("hand", [LEAP, SHARPA], ids=lambda hand: hand.name)
+def test_a_shard_survives_the_disk(tmp_path, hand):
+    shard, path = small_shard(hand=hand), shard_path(tmp_path / "train", 7)
     write_shard(path, shard)
     assert path.name == "00007.safetensors"
     assert [file.name for file in path.parent.iterdir()] == [path.name]
     found = read_shard(path)
+    assert found.hand == hand
     assert found.episodes == shard.episodes
     assert found.totals == shard.totals
     for key, value in shard.tensors.items():
@@ -36,7 +39,7 @@ def test_a_shard_survives_the_disk(tmp_path):
 
 def test_joining_renumbers_episodes_rows_and_snapshots():
     joined = concatenate([small_shard(16), small_shard(20), small_shard(10)])
-    check_rows(joined.tensors, joined.episodes)
+    check_rows(*joined[:3])
     assert joined.tensors["episode"].tolist() == [0] * 16 + [1] * 20 + [2] * 10
     assert joined.tensors["snapshot_step"].tolist() == [0, 8, 16, 24, 36, 44]
     assert joined.totals == {"steps": 46}
@@ -69,14 +72,24 @@ def test_shards_of_different_simulators_are_not_joined():
 def test_a_wrong_tensor_is_refused_by_name(change, message):
     shard = small_shard()
     with pytest.raises(DexFlexError, match=message):
-        check_rows(shard.tensors | change, shard.episodes)
+        check_rows(LEAP, shard.tensors | change, shard.episodes)
+
+
+def test_steps_of_another_hand_are_refused_and_not_joined():
+    shard = small_shard(hand=SHARPA)
+    with pytest.raises(
+        DexFlexError, match=r"`joints` must be float32 of shape \(16, 16\)\. Got .*\(16, 22\)"
+    ):
+        check_rows(LEAP, shard.tensors, shard.episodes)
+    with pytest.raises(DexFlexError, match=r"different hands.*'leap', 'sharpa'"):
+        concatenate([small_shard(), shard])
 
 
 def test_a_missing_column_is_named():
     shard = small_shard()
     del shard.tensors["draft"]
     with pytest.raises(DexFlexError, match=r"Missing: ..draft"):
-        check_rows(shard.tensors, shard.episodes)
+        check_rows(*shard[:3])
 
 
 def test_a_damaged_file_is_refused_with_a_remedy(tmp_path):

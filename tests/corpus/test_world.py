@@ -8,13 +8,13 @@ from lerobot_dexflex.corpus.env import CorpusEnv
 from lerobot_dexflex.corpus.world import Hinge, Push, Support, World, vary_object
 from lerobot_dexflex.envs.reach import ReachEnv, ReachEpisode
 from lerobot_dexflex.experts.reach.sensing import Senses
+from lerobot_dexflex.hand.model import tip_geoms
 from lerobot_dexflex.hand.objects import ObjectSpec
 from lerobot_dexflex.hand.poses import rotation_between
-from lerobot_dexflex.hands import LEAP
 
 
-def test_a_world_and_an_episode_survive_json(episode):
-    world = World.sample(np.random.default_rng(0))
+def test_a_world_and_an_episode_survive_json(hand, episode):
+    world = World.sample(hand, np.random.default_rng(0))
     world.disturb(np.random.default_rng(1), 400, 0.1)
     world.supports.append(Support(0, None, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), 0.02))
     world.hinge = Hinge((0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), (0.0, 0.6, 0.8), 0.01, 0.02)
@@ -26,11 +26,11 @@ def test_a_world_and_an_episode_survive_json(episode):
     assert ReachEpisode.from_dict(json.loads(json.dumps(asdict(episode)))) == episode
 
 
-def test_random_worlds_stay_within_their_ranges():
+def test_random_worlds_stay_within_their_ranges(hand):
     rng = np.random.default_rng(0)
     spec = ObjectSpec("box", (0.02, 0.02, 0.03), 0.1, 0.8)
     for _ in range(50):
-        world = World.sample(rng)
+        world = World.sample(hand, rng)
         world.disturb(rng, 100, 0.1)
         assert np.abs(np.array(world.gains) - 1).max() <= 0.15
         assert 0.7 <= world.damping <= 1.5
@@ -44,19 +44,20 @@ def test_random_worlds_stay_within_their_ranges():
         assert 0.6 <= varied.friction <= 1.0
 
 
-def test_servos_and_damping_of_the_model_are_those_of_the_world(episode, world):
-    env = CorpusEnv()
+def test_servos_and_damping_of_the_model_are_those_of_the_world(hand, episode, world):
+    env = CorpusEnv(hand)
     env.start(episode, world)
-    gains = LEAP.position_gains * np.array(world.gains)
+    gains = hand.position_gains * np.array(world.gains)
     np.testing.assert_allclose(env.model.actuator_gainprm[:, 0], gains)
     np.testing.assert_allclose(env.model.actuator_biasprm[:, 1], -gains)
-    np.testing.assert_allclose(env.model.dof_damping[:16], 1.2 * LEAP.motors[0].damping)
+    damping = [1.2 * motor.damping for motor in hand.motors]
+    np.testing.assert_allclose(env.model.dof_damping[: hand.n_joints], damping)
 
 
-def test_wrenches_sway_and_slips_come_and_go(episode, world):
-    env = CorpusEnv()
+def test_wrenches_sway_and_slips_come_and_go(hand, episode, world):
+    env = CorpusEnv(hand)
     env.start(episode, world)
-    body, tip = env.model.body("object").id, env.model.geom("if_tip").id
+    body, tip = env.model.body("object").id, env.model.geom(tip_geoms(hand)[0]).id
     friction, mass = env.model.geom_friction[tip, 0], env.model.body_mass[body]
     for step in range(28):
         env.advance(env.command)
@@ -67,26 +68,27 @@ def test_wrenches_sway_and_slips_come_and_go(episode, world):
         assert env.model.geom_friction[tip, 0] == pytest.approx(friction * (0.7 if slipping else 1.0))
 
 
-def test_an_off_centre_weight_is_felt_as_a_torque_and_named_by_the_senses(episode):
-    env, moved = CorpusEnv(), CorpusEnv()
+def test_an_off_centre_weight_is_felt_as_a_torque_and_named_by_the_senses(hand, episode):
+    env, moved = CorpusEnv(hand), CorpusEnv(hand)
     env.start(episode, World())
     moved.start(episode, World(lever=(0.0, 0.0, 0.03)))
     plain, heavy = Senses(env).read(), Senses(moved).read()
     np.testing.assert_allclose(heavy.centre - plain.centre, 0.03 * heavy.rotation[:, 2], atol=1e-12)
     lever = np.cross(heavy.centre - plain.centre, env.model.body("object").mass * env.model.opt.gravity)
-    gravity = [e.data.qfrc_bias[16:19] for e in (env, moved)]
+    n = hand.n_joints
+    gravity = [e.data.qfrc_bias[n : n + 3] for e in (env, moved)]
     np.testing.assert_allclose(gravity[0], gravity[1])
-    torque = moved.data.qfrc_bias[19:22] - env.data.qfrc_bias[19:22]
+    torque = moved.data.qfrc_bias[n + 3 : n + 6] - env.data.qfrc_bias[n + 3 : n + 6]
     np.testing.assert_allclose(heavy.rotation @ torque, -lever, atol=1e-9)
 
 
-def test_a_hinge_carries_the_object_and_turns_about_its_axis_against_friction(episode):
+def test_a_hinge_carries_the_object_and_turns_about_its_axis_against_friction(hand, episode):
     """Twice its friction turns the object, half of it does not; nothing else moves it."""
     axis = np.array((0.36, 0.48, 0.8))
     away = replace(episode, position=(0.0, 0.0, -0.3))  # Out of the fingers' reach.
     found = {}
     for share in (0.5, 2.0):
-        env = CorpusEnv()
+        env = CorpusEnv(hand)
         torque = tuple((share * 0.01 * axis).tolist())
         push = Push(0, 8, (0.0, 0.0, 0.0), torque)
         hinge = Hinge(away.position, away.quaternion, tuple(axis.tolist()), 0.01, 0.01)
@@ -113,11 +115,11 @@ def test_heavy_and_slippery_objects_are_varied_within_what_a_hand_can_hold():
     assert max(spec.friction for spec in light) == 1.2
 
 
-def test_a_fixture_carries_the_object_until_it_is_taken_away(episode):
-    env = CorpusEnv()
+def test_a_fixture_carries_the_object_until_it_is_taken_away(hand, episode):
+    env = CorpusEnv(hand)
     world = World(supports=[Support(0, 10, episode.position, episode.quaternion, 0.02)])
     env.start(episode, world)
-    opened = np.clip(env.command - 0.4, *env.model.jnt_range[:16].T)
+    opened = np.clip(hand.relaxed_joints, hand.joint_lower, hand.joint_upper)
     for _ in range(10):
         assert env.supported
         env.advance(opened)
@@ -128,15 +130,15 @@ def test_a_fixture_carries_the_object_until_it_is_taken_away(episode):
     assert np.linalg.norm(env.object_pose[0] - episode.position) > 0.03
 
 
-def test_joint_noise_moves_joints_and_fingertips_alike(episode):
-    env = CorpusEnv()
+def test_joint_noise_moves_joints_and_fingertips_alike(hand, episode):
+    env = CorpusEnv(hand)
     clean, noisy = env.start(episode, World()), env.start(episode, World(joint_noise=0.01))
     moved = noisy["agent_pos"] - clean["agent_pos"]
     assert 0.003 < moved.std() < 0.03
     assert 1e-4 < np.abs(noisy["fingertips"] - clean["fingertips"]).max() < 5e-3
 
 
-def test_the_seed_of_an_object_is_that_of_the_task(episode):
-    env = ReachEnv(render_mode=None, cameras=())
-    env.reset(seed=4)
+def test_the_seed_of_an_object_is_that_of_the_task(hand, seed, episode):
+    env = ReachEnv(render_mode=None, cameras=(), hand=hand)
+    env.reset(seed=seed)
     assert env.episode == episode

@@ -58,9 +58,10 @@ def replay():
 
 
 def expert():
+    from lerobot_dexflex.hands import LEAP
     from lerobot_dexflex.recording.expert_rate import expert_rate
 
-    return expert_rate("PlaceHammer-v0", 1, 0, 0, Path(sys.argv[1]) / "tasks.csv", quiet=True)
+    return expert_rate(LEAP, "PlaceHammer-v0", 1, 0, 0, Path(sys.argv[1]) / "tasks.csv", quiet=True)
 
 
 rows = globals()[sys.argv[2]]()

@@ -90,7 +90,7 @@ def test_joint_targets_have_no_draft_to_intervene_on(policies):
 
 
 def test_an_observer_sees_the_first_step_of_a_draft_and_the_motion_that_was_selected():
-    interface = ObservedInterface(make_interface("raw@0.6"))
+    interface = ObservedInterface(make_interface(LEAP, "raw@0.6"))
     draft = torch.zeros(1, 8, 4, 3)
     draft[0, :, 0, 0] = torch.arange(0.010, 0.018, 0.001)
     interface.step({"observation.state": torch.full((1, 23), 0.3)}, draft)

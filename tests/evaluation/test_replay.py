@@ -42,7 +42,7 @@ def dataset(tmp_path, actions):
     info = {
         "fps": 20,
         "robot_type": "leap_xarm7",
-        "features": {"action": {"names": columns(robot_joints(LEAP))["action"].names}},
+        "features": {"action": {"names": columns(LEAP, robot_joints(LEAP))["action"].names}},
     }
     (tmp_path / "meta/recording.json").write_text(json.dumps(record))
     (tmp_path / "meta/info.json").write_text(json.dumps(info))

@@ -9,6 +9,7 @@ from lerobot_dexflex.evaluation.rollout import run_group
 from lerobot_dexflex.evaluation.teleoperators import Teleoperators
 from lerobot_dexflex.experts import make_expert
 from lerobot_dexflex.experts.command import Command, fingertips_of
+from lerobot_dexflex.hands import LEAP
 
 TASK = "PlaceHammer-v0"
 
@@ -82,7 +83,7 @@ def test_the_glove_shakes_the_hand_by_its_noise_and_not_the_arm():
     )
     # The arm follows the expert, which sees the shaken hand's object only after the grasp.
     np.testing.assert_allclose(shaken[:, :7], steady[:, :7], atol=1e-9)
-    before, after = (np.array([fingertips_of(a[7:]) for a in actions]) for actions in (steady, shaken))
+    before, after = (np.array([fingertips_of(LEAP, a[7:]) for a in actions]) for actions in (steady, shaken))
     assert 0.002 < np.abs(after - before).max() < 0.005
 
 
@@ -94,7 +95,7 @@ def test_a_person_in_the_glove_leads_joints_and_drafts_and_is_drawn_by_the_seed(
             for wrong, seed in ((NO_ERRORS, 7), (errors, 7), (errors, 7), (errors, 8))
         )
         np.testing.assert_array_equal(first, again)
-        tips = [np.array([fingertips_of(a[7:]) for a in actions]) for actions in (steady, first, other)]
+        tips = [np.array([fingertips_of(LEAP, a[7:]) for a in actions]) for actions in (steady, first, other)]
         assert 0.001 < np.abs(tips[1] - tips[0]).max() < 0.03
         assert np.abs(tips[2] - tips[1]).max() > 1e-3
 
@@ -103,7 +104,7 @@ def test_an_expert_that_is_done_keeps_its_last_command(monkeypatch):
     def brief(env, rng):
         for k in range(2):
             joints = env.command + 0.01 * (k + 1)
-            yield Command(joints, joints, np.tile(fingertips_of(joints[7:]), (8, 1, 1)))
+            yield Command(joints, joints, np.tile(fingertips_of(LEAP, joints[7:]), (8, 1, 1)))
 
     monkeypatch.setattr(teleoperators, "make_expert", lambda task: brief)
     actions = act(Teleoperators(TASK)("raw"), environments(1), [7], 4)[:, 0]

@@ -22,4 +22,4 @@ def test_min_jerk_starts_and_ends_at_rest_and_is_symmetric():
 
 def test_fingertips_of_joints_agree_with_the_kernel():
     joints = np.array(LEAP.nominal_joints)
-    assert np.allclose(fingertips_of(joints), fingertips(LEAP.tables, joints), atol=1e-9)
+    assert np.allclose(fingertips_of(LEAP, joints), fingertips(LEAP.tables, joints), atol=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hands import HANDS, LEAP, get_hand
+from lerobot_dexflex.hands import LEAP
 
 
 def with_link(finger, **changes):
@@ -119,10 +119,3 @@ def test_leap_has_four_fingers_of_four_joints():
     assert LEAP.distal_links == ("if_ds", "mf_ds", "rf_ds", "th_ds")
     assert (LEAP.n_fingers, LEAP.n_joints) == (4, 16)
     assert LEAP.joint_speeds == pytest.approx(8.482, abs=1e-3)
-
-
-def test_hands_are_found_by_name():
-    assert get_hand("leap") is LEAP
-    assert all(hand.name == name for name, hand in HANDS.items())
-    with pytest.raises(DexFlexError, match=r"There is no hand 'claw'. Choose from \['leap'"):
-        get_hand("claw")

@@ -5,6 +5,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # interface_cases
 
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 
 
@@ -13,6 +14,6 @@ def make(controller_folder):
     """Make any interface by a method's name, learned ones around the random controller."""
 
     def build(name):
-        return make_interface(name, controller_folder)
+        return make_interface(LEAP, name, controller_folder)
 
     return build

@@ -19,7 +19,7 @@ LEARNED = [f"dexflex:{_WORDS}", f"dexflex-notouch:{_WORDS}", f"dexflex-nogrip:{_
 
 def flex(controller, ablation="", **switches) -> Any:
     """The interface with few candidates."""
-    return DexFlexInterface(controller, ablated(SelectionSettings(**{**FEW, **switches}), ablation))
+    return DexFlexInterface(LEAP, controller, ablated(SelectionSettings(**{**FEW, **switches}), ablation))
 
 
 def draft_of(rows, seed=1, size=0.002):

@@ -9,6 +9,7 @@ from learned_cases import draft_of, flex
 
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.dexgen import DexGenInterface
 
 PARTS = {
@@ -93,7 +94,7 @@ def test_a_network_that_no_candidate_needs_may_be_broken(interface):
 
 @pytest.mark.parametrize("broken", ["encoder", "prior of DexGen", "inverse dynamics of DexGen"])
 def test_dexgen_is_looked_at_alike(controller, broken):
-    interface = DexGenInterface(copy.deepcopy(controller), DiffusionPrior(controller.config))
+    interface = DexGenInterface(LEAP, copy.deepcopy(controller), DiffusionPrior(controller.config))
     interface.step(observation(2), draft_of(2))
     before = memory(interface)
     networks = {

@@ -39,7 +39,7 @@ def project(
 ) -> torch.Tensor:
     """Project a draft that follows `past` ones, or still ones."""
     return contact_projection.project_draft(
-        draft, seen._replace(drafts=draft * 0 if past is None else past), settings
+        LEAP, draft, seen._replace(drafts=draft * 0 if past is None else past), settings
     )
 
 
@@ -207,11 +207,11 @@ def test_rows_do_not_depend_on_each_other_to_the_last_bit(rows):
     loads = draw(WINDOW, 4, size=1.0).clamp(min=0)
     seen = Grasp(joints, fingertips(LEAP, joints), loads, draw(4) > 0.002, draw(PAST_DRAFTS, 4, 3))
     asked, settings = draw(8, 4, 3), ProjectionSettings()
-    together = contact_projection.project_draft(asked, seen, settings)
+    together = contact_projection.project_draft(LEAP, asked, seen, settings)
     for k in range(rows):
         alone = Grasp(*[part[k : k + 1] for part in seen])
         assert torch.equal(
-            contact_projection.project_draft(asked[k : k + 1], alone, settings)[0], together[k]
+            contact_projection.project_draft(LEAP, asked[k : k + 1], alone, settings)[0], together[k]
         )
 
 

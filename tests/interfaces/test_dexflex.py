@@ -10,6 +10,7 @@ from learned_cases import draft_of, flex, joints_of, noisy, tips_of
 from lerobot_dexflex.controller import DexFlexController, HistoryBuffer, SelectionSettings
 from lerobot_dexflex.conventions import FINGERTIPS
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.dexflex import SLOW_PERIOD, DexFlexInterface, ablated
 from lerobot_dexflex.interfaces.explanation import BRANCHES
 from lerobot_dexflex.interfaces.registry import INTERFACES
@@ -33,7 +34,7 @@ def test_no_selection_executes_the_draft_exactly(controller):
 
 
 def test_an_untrained_controller_is_usable(untrained):
-    interface = DexFlexInterface(untrained)
+    interface = DexFlexInterface(LEAP, untrained)
     assert interface.settings.n_candidates == 36
     assert torch.isfinite(interface.step(observation(2), draft_of(2))).all()
 
@@ -41,7 +42,7 @@ def test_an_untrained_controller_is_usable(untrained):
 def test_it_moves_by_the_selected_chunk(controller):
     interface, seen, draft = flex(controller, include_draft=False), observation(2), draft_of(2)
     interface.step(seen, draft)
-    past = HistoryBuffer()
+    past = HistoryBuffer(LEAP)
     state = controller.encode(past.observe({**seen, FINGERTIPS: tips_of(seen).flatten(1)}))
     selection = controller.select(state, draft.float(), past.drafts, interface.settings)
     torch.testing.assert_close(interface.motion, selection.chunk[:, 0].double(), rtol=0, atol=1e-7)
@@ -238,7 +239,7 @@ def test_every_ablation_lacks_its_part_and_as_few_others_as_possible():
 def test_without_the_score_the_proposal_nearest_to_the_draft_is_executed(controller):
     interface, seen, draft = flex(controller, "noscore"), observation(1), draft_of(1)
     interface.step(seen, draft)
-    past = HistoryBuffer()
+    past = HistoryBuffer(LEAP)
     state = controller.encode(past.observe({**seen, FINGERTIPS: tips_of(seen).flatten(1)}))
     proposed = controller.propose(state, draft.float(), interface.settings).chunks[0, 1:, :2]
     nearest = (proposed - draft[0, :2]).square().sum((1, 2, 3)).argmin()

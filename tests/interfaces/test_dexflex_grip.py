@@ -41,7 +41,7 @@ def test_the_decoders_forces_are_explained_in_the_palm_frame_and_lead_the_joints
 def test_forces_are_decoded_of_the_state_and_the_motion_that_is_executed(controller):
     interface, seen, draft = flex(controller, "noselection"), touched(1.0, rows=2), draft_of(2)
     targets = interface.step(seen, draft)
-    past = HistoryBuffer().observe({**seen, FINGERTIPS: tips_of(seen).flatten(1)})
+    past = HistoryBuffer(LEAP).observe({**seen, FINGERTIPS: tips_of(seen).flatten(1)})
     local = controller.decode(controller.encode(past), draft.float()).grip().double()
     forces = torch.einsum("bfij,bfj->bfi", finger_frames(LEAP, joints_of(seen)).distal_rotation, local)
     assert forces.norm(dim=-1).max() > 0.1
@@ -86,7 +86,7 @@ def test_forces_are_fed_forward_alone_and_a_missing_finger_would_not_be_servoed_
     for servo in (None, ServoSettings(gain=1e-3)):
         interface = flex(pressing(controller, 2.0), "noselection")
         if servo:
-            interface._grip = Grip(servo)
+            interface._grip = Grip(LEAP, servo)
         targets.append(interface.step(seen, draft_of(1)))
     servoed = (targets[1] - targets[0]).unflatten(1, (4, 4)).abs().amax(-1)[0]
     assert servoed[0] == 0
@@ -136,7 +136,7 @@ def test_without_learned_forces_touching_fingers_press_with_the_constant_of_pres
 
 def test_without_selection_and_learned_forces_it_is_press_without_a_servo(controller):
     ours = flex(controller, "noselection", grip=1.5, prefix=1)
-    press = PressInterface(PressSettings(force=1.5), ServoSettings(gain=0.0, back=0.0))
+    press = PressInterface(LEAP, PressSettings(force=1.5), ServoSettings(gain=0.0, back=0.0))
     for k, loads in enumerate(([1.0, 1.0, 0.0, 2.0], 0.0, 0.0, 0.0, 0.0, 1.0)):
         seen, draft = touched(loads, rows=2, seed=k), draft_of(2, k)
         torch.testing.assert_close(ours.step(seen, draft), press.step(seen, draft), **SINGLE)

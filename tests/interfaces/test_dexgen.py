@@ -53,7 +53,7 @@ def test_without_guidance_the_draft_does_not_matter_but_the_state_does(make):
 
 @pytest.mark.parametrize("gain", [1.0, 0.5])
 def test_inverse_dynamics_lead_the_measured_joints_by_the_motion_that_is_asked(controller, prior, gain):
-    interface, seen = DexGenInterface(controller, prior, guidance=1e9), observation(2)
+    interface, seen = DexGenInterface(LEAP, controller, prior, guidance=1e9), observation(2)
     interface.gain = gain
     draft = draft_of(2, size=SMALL)
     leads = interface.step(seen, draft) - joints_of(seen)
@@ -66,7 +66,7 @@ def test_inverse_dynamics_lead_the_measured_joints_by_the_motion_that_is_asked(c
 def test_targets_stay_within_the_joints_limits(controller, prior):
     with torch.no_grad():
         prior.dynamics[4].bias[:] = 1e3
-    interface, seen = DexGenInterface(controller, prior), observation(1)
+    interface, seen = DexGenInterface(LEAP, controller, prior), observation(1)
     targets = [interface.step(seen, draft_of(1)) for _ in range(10)][-1]
     torch.testing.assert_close(targets[0], JOINT_UPPER.double())
 
@@ -99,9 +99,9 @@ def test_late_drafts_are_bridged_by_what_the_last_asked(make):
 
 
 def test_it_runs_around_given_networks_and_asks_for_both(controller, prior):
-    assert DexGenInterface(controller, prior).step(observation(1), draft_of(1)).shape == (1, 16)
+    assert DexGenInterface(LEAP, controller, prior).step(observation(1), draft_of(1)).shape == (1, 16)
     with pytest.raises(DexFlexError, match="Give `prior` together with a controller object"):
-        DexGenInterface(controller)
+        DexGenInterface(LEAP, controller)
 
 
 @pytest.mark.parametrize("wrong", ["guidance=-1", "steps=0", "steps=51"])

@@ -3,6 +3,7 @@ import torch
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.draft_watch import (
     DRAFT_HEALTH,
     FARTHEST,
@@ -79,10 +80,10 @@ def test_another_horizon_is_refused_with_the_remedy(horizon):
     with pytest.raises(
         DexFlexError, match=f"8 control steps ahead; the draft has {horizon}. Cut it, or repeat"
     ):
-        checked_draft(torch.zeros(1, horizon, 4, 3), 1)
+        checked_draft(LEAP, torch.zeros(1, horizon, 4, 3), 1)
 
 
 def test_nan_is_refused_and_a_late_draft_is_not():
     with pytest.raises(DexFlexError, match=r"NaN or infinity in rows \[0\]"):
-        checked_draft(torch.full((1, 8, 4, 3), torch.nan), 1)
-    assert checked_draft(None, 1) is None
+        checked_draft(LEAP, torch.full((1, 8, 4, 3), torch.nan), 1)
+    assert checked_draft(LEAP, None, 1) is None

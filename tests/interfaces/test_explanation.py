@@ -3,6 +3,7 @@ import json
 import pytest
 import torch
 
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.explanation import Choice, Explanation, relative_change
 
 OK = (torch.zeros(1, 4, dtype=torch.int64), torch.zeros(1, dtype=torch.int64))
@@ -25,7 +26,7 @@ def choice(branch=2):
 
 def test_a_row_is_plain_json_with_names_instead_of_indices():
     forces = torch.tensor([[[0.0, 3.0, 4.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -2.0, 0.0]]])
-    row = Explanation(torch.tensor([0.5]), *OK, NO_SQUEEZE, HELD, forces, choice()).row(0)
+    row = Explanation(LEAP.finger_names, torch.tensor([0.5]), *OK, NO_SQUEEZE, HELD, forces, choice()).row(0)
     assert json.loads(json.dumps(row)) == row
     assert (row["branch"], row["draft_health"], row["score"]) == ("seeded", "ok", 2.5)
     assert list(row["contact_loss"]) == list(row["touch_health"])
@@ -35,7 +36,7 @@ def test_a_row_is_plain_json_with_names_instead_of_indices():
 
 
 def test_an_interface_without_candidates_explains_its_intervention_and_what_it_saw():
-    row = Explanation(torch.tensor([0.5]), *OK, NO_SQUEEZE, HELD).row(0)
+    row = Explanation(LEAP.finger_names, torch.tensor([0.5]), *OK, NO_SQUEEZE, HELD).row(0)
     assert set(row) == {"intervention", "touch_health", "draft_health", "squeeze", "free"}
 
 
@@ -45,7 +46,9 @@ def test_the_sentence_tells_what_the_draft_would_have_cost_and_which_touch_faile
     squeeze = torch.zeros(1, 4, 3)
     squeeze[0, 2] = 0.003
     free = torch.tensor([[True, False, False, True]])
-    sentence = Explanation(torch.tensor([0.5]), touch, late, squeeze, free, choice=choice()).sentence(0)
+    sentence = Explanation(
+        LEAP.finger_names, torch.tensor([0.5]), touch, late, squeeze, free, choice=choice()
+    ).sentence(0)
     assert sentence == (
         "seeded chosen, changed the draft by 50 %; the draft would lose contact of middle; "
         "the draft would lose the grasp; index, thumb free; the squeeze of ring replaced; "

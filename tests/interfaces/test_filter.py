@@ -12,7 +12,7 @@ from lerobot_dexflex.interfaces import make_interface
 
 def motion(name, draft, steps=1):
     """Return the motion that an interface asks of a resting hand after some steps of the same draft."""
-    interface, seen = make_interface(name), observation(1)
+    interface, seen = make_interface(LEAP, name), observation(1)
     for _ in range(steps):
         interface.step(seen, draft)
     assert interface.motion is not None
@@ -22,7 +22,8 @@ def motion(name, draft, steps=1):
 def test_without_smoothing_and_clipping_it_is_raw():
     seen, draft = observation(3), drafts("raw", 3)
     assert torch.equal(
-        make_interface("filter:1").step(seen, draft).float(), make_interface("raw").step(seen, draft).float()
+        make_interface(LEAP, "filter:1").step(seen, draft).float(),
+        make_interface(LEAP, "raw").step(seen, draft).float(),
     )
 
 
@@ -33,7 +34,7 @@ def test_it_goes_a_share_of_the_way_in_every_step():
 
 
 def test_a_draft_that_jumps_to_and_fro_is_damped():
-    interface, seen = make_interface("filter:0.3"), observation(1)
+    interface, seen = make_interface(LEAP, "filter:0.3"), observation(1)
     _, tips, _ = measured(seen)
     to = held(torch.full((1, 4, 3), 0.006, dtype=torch.float64))
     strayed = [fingertips(LEAP, interface.step(seen, sign * to)) - tips for sign in (1, -1) * 10]
@@ -49,4 +50,4 @@ def test_it_leads_by_the_limit_at_most():
 @pytest.mark.parametrize(("name", "wrong"), [("filter:0", "share"), ("filter:limit=-1", "limit")])
 def test_what_makes_no_filter_is_refused(name, wrong):
     with pytest.raises(DexFlexError, match=f"`{wrong}` of the filter"):
-        make_interface(name)
+        make_interface(LEAP, name)

@@ -7,6 +7,7 @@ from learned_cases import LEARNED, draft_of, flex, noisy, pressing, touched
 
 from lerobot_dexflex.commands.families import REMOVAL_STEPS
 from lerobot_dexflex.conventions import FINGER_NAMES
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.interfaces.free_fingers import EMPTY_STEPS, INSISTING_STEPS, FreeFingers
 
@@ -134,7 +135,7 @@ def leaving(seen, outward):
 
 @pytest.mark.parametrize("name", FELT)
 def test_a_hand_in_the_air_is_commanded_as_by_raw(make, name):
-    interface, raw = make(f"{name}@0.5"), make_interface("raw@0.5")
+    interface, raw = make(f"{name}@0.5"), make_interface(LEAP, "raw@0.5")
     for k in range(5):
         seen, draft = touched(0.0, rows=2, seed=k), draft_of(2, k, size=0.01)
         torch.testing.assert_close(interface.step(seen, draft), raw.step(seen, draft), **EXACT)
@@ -153,7 +154,7 @@ def test_a_hand_without_touch_is_not_taken_for_one_in_the_air(make, name):
 
 @pytest.mark.parametrize("name", LEARNED)
 def test_a_release_is_obeyed_at_once_and_without_grip(make, name):
-    interface, raw = make(name), make_interface("raw")
+    interface, raw = make(name), make_interface(LEAP, "raw")
     seen = touched(2.0)
     draft = leaving(seen, [9, 9, 10, 10])
     torch.testing.assert_close(interface.step(seen, draft), raw.step(seen, draft), **EXACT)

@@ -9,6 +9,7 @@ import torch
 from interface_cases import METHODS, STATE, TACTILE, drafts, memory, observation, row
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Method, make_interface
 from lerobot_dexflex.interfaces.commanded_hand import CommandedHand
 
@@ -22,7 +23,7 @@ def episode(name, rows, steps=6):
 @pytest.mark.parametrize("rows", [3, 17])
 @pytest.mark.parametrize("name", METHODS)
 def test_a_batch_does_what_its_rows_do_alone_to_the_last_bit(name, rows):
-    together, alone = make_interface(name), [make_interface(name) for _ in range(rows)]
+    together, alone = make_interface(LEAP, name), [make_interface(LEAP, name) for _ in range(rows)]
     for k, (seen, draft) in enumerate(episode(name, rows)):
         if k == 3:
             mask = torch.arange(rows) % 2 == 0
@@ -39,7 +40,7 @@ def test_a_batch_does_what_its_rows_do_alone_to_the_last_bit(name, rows):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_resetting_a_row_restarts_that_row_only(name):
-    ours, untouched, restarted = (make_interface(name) for _ in range(3))
+    ours, untouched, restarted = (make_interface(LEAP, name) for _ in range(3))
     steps = list(episode(name, 2))
     for interface, (seen, draft) in itertools.product((ours, untouched), steps[:3]):
         interface.step(seen, draft)
@@ -52,7 +53,7 @@ def test_resetting_a_row_restarts_that_row_only(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_reset_of_all_forgets_everything_and_the_batch_may_change(name):
-    ours, fresh = make_interface(name), make_interface(name)
+    ours, fresh = make_interface(LEAP, name), make_interface(LEAP, name)
     for seen, draft in episode(name, 2, steps=3):
         ours.step(seen, draft)
     ours.reset()
@@ -62,7 +63,7 @@ def test_a_reset_of_all_forgets_everything_and_the_batch_may_change(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_there_is_no_motion_before_the_first_step(name):
-    interface = make_interface(name)
+    interface = make_interface(LEAP, name)
     assert interface.motion is None
     interface.step(observation(2), drafts(name, 2))
     assert interface.motion is not None
@@ -71,7 +72,7 @@ def test_there_is_no_motion_before_the_first_step(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_targets_keep_the_dtype_and_work_across_inference_mode(name):
-    interface, draft = make_interface(name), drafts(name, 2).float()
+    interface, draft = make_interface(LEAP, name), drafts(name, 2).float()
     with torch.inference_mode():
         assert interface.step(observation(2), draft).dtype == torch.float32
     interface.reset(torch.tensor([True, False]))
@@ -113,7 +114,7 @@ def test_a_step_whose_command_is_refused_at_last_leaves_nothing_behind(name, mon
 
 def stepped(name, steps):
     """Return an interface after so many steps."""
-    interface = make_interface(name)
+    interface = make_interface(LEAP, name)
     for seen, draft in episode(name, 2, steps):
         interface.step(seen, draft)
     return interface
@@ -136,7 +137,7 @@ def assert_forgotten(interface, message, seen, draft):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_another_batch_or_a_mask_of_another_size_is_refused(name):
-    interface = make_interface(name)
+    interface = make_interface(LEAP, name)
     interface.step(observation(2), drafts(name, 2))
     with pytest.raises(DexFlexError, match="from 2 to 3 hands without a reset"):
         interface.step(observation(3), drafts(name, 3))
@@ -152,14 +153,15 @@ def test_touch_of_another_shape_is_refused(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_the_registry_tells_the_truth_about_the_interface(name):
-    made = make_interface(name)
+    made = make_interface(LEAP, name)
     assert (made.name, made.command_space) == (name, Method.parse(name).command_space)
 
 
 def test_importing_interfaces_and_the_loop_imports_no_networks():
     code = (
         "import sys, lerobot_dexflex.interfaces; print('mujoco' in sys.modules);"
-        "from lerobot_dexflex.interfaces import make_interface as make; make('press'); make('projection');"
+        "from lerobot_dexflex.interfaces import make_interface as make;"
+        "from lerobot_dexflex.hands import LEAP; make(LEAP, 'press'); make(LEAP, 'projection');"
         "import lerobot_dexflex.commands.loop; print('lerobot_dexflex.controller' in sys.modules)"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

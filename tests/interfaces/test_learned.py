@@ -8,9 +8,10 @@ import torch
 from interface_cases import STATE, TACTILE, observation, row
 from learned_cases import LEARNED, draft_of, flex, joints_of, noisy
 
+from lerobot_dexflex.conventions import CONTROL_PERIOD
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP, SHARPA
 from lerobot_dexflex.interfaces import make_interface
-from lerobot_dexflex.interfaces.commanded_hand import LARGEST_STEP
 
 CLOSE = {"rtol": 0, "atol": 1e-5}
 """Of joint targets [rad]: matrices of float32 are multiplied in another order in batches of another size."""
@@ -85,7 +86,7 @@ def test_no_joint_target_is_faster_than_the_servo_whatever_is_asked_or_measured(
             seen[STATE] = seen[STATE] + 2.0  # All encoders jump.
         targets.append(interface.step(noisy(seen, k), draft_of(2, k, size=10.0 ** (k % 4 - 3))))
     steps = [float((after - before).abs().max()) for before, after in pairwise(targets)]
-    assert max(steps) <= LARGEST_STEP + 1e-12
+    assert max(steps) <= LEAP.joint_speeds.min() * CONTROL_PERIOD + 1e-12
     assert max(steps) > 0.2  # There was something to bound.
 
 
@@ -126,7 +127,11 @@ REFUSED = {
     "NaN in a joint": ({STATE: torch.full((2, 16), torch.nan)}, None, "'observation.state' holds NaN"),
     "too few joints": ({STATE: torch.zeros(2, 12)}, None, r"'observation.state' must have shape"),
     "no gravity": ({"observation.gravity": None}, None, "lacks 'observation.gravity'"),
-    "wrong gravity": ({"observation.gravity": torch.zeros(2, 2)}, None, "'observation.gravity' must have"),
+    "wrong gravity": (
+        {"observation.gravity": torch.zeros(2, 2)},
+        None,
+        "'observation.gravity' of the hand 'leap' must",
+    ),
     "wrong touch": ({TACTILE: torch.zeros(2, 60)}, None, r"'observation.tactile' must have shape \(2, 240\)"),
     "another batch": ({STATE: torch.zeros(3, 16)}, None, "from 2 to 3 hands without a reset"),
 }
@@ -193,16 +198,30 @@ def test_a_step_that_fails_after_the_grip_felt_is_forgotten_by_the_grip_as_well(
 def test_a_controller_of_another_draft_hand_or_rate_is_refused(controller_folder, tmp_path, base):
     for file in controller_folder.iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())
-    assert make_interface(base, tmp_path).step(observation(1), draft_of(1)).shape == (1, 16)
+    assert make_interface(LEAP, base, tmp_path).step(observation(1), draft_of(1)).shape == (1, 16)
     config = json.loads((tmp_path / "config.json").read_text())
     for name, value, message in (
         ("draft_definition", "displacement_of_commanded", "drafts are 'displacement_of_commanded'.*anew"),
-        ("embodiment", "allegro", "allegro"),
+        ("hand", "allegro", "There is no hand 'allegro'"),
         ("rate", 10.0, "10"),
     ):
         (tmp_path / "config.json").write_text(json.dumps({**config, name: value}))
         with pytest.raises(DexFlexError, match=message):
-            make_interface(base, tmp_path)
+            make_interface(LEAP, base, tmp_path)
+
+
+@pytest.mark.parametrize("base", ["dexflex", "dexgen"])
+def test_a_controller_of_one_hand_does_not_serve_another(controller_folder, base):
+    message = rf"in {controller_folder} was trained for 'leap', but the robot is 'sharpa'.*--hand=sharpa"
+    with pytest.raises(DexFlexError, match=message):
+        make_interface(SHARPA, base, controller_folder)
+
+
+def test_without_a_controller_another_hand_is_not_served_by_the_shipped_one():
+    with pytest.raises(
+        DexFlexError, match=r"controller_leap was trained for 'leap', but the robot is 'sharpa'"
+    ):
+        make_interface(SHARPA, "dexflex")
 
 
 @learned

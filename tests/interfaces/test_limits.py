@@ -12,9 +12,10 @@ from lerobot_dexflex.hand.kinematics import fingertips, joint_limits
 from lerobot_dexflex.hand.model import SUBSTEPS, TIMESTEP
 from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
-from lerobot_dexflex.interfaces.commanded_hand import LARGEST_STEP, CommandedHand
+from lerobot_dexflex.interfaces.commanded_hand import CommandedHand
 
 JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
+LARGEST_STEP = float(LEAP.joint_speeds.min()) * CONTROL_PERIOD
 
 
 ROUNDING = 1e-12
@@ -31,7 +32,7 @@ def test_the_limit_is_what_the_servo_turns_in_a_control_step():
 @pytest.mark.parametrize("size", [0.05, 1.0, 1e6])
 @pytest.mark.parametrize("name", METHODS)
 def test_no_draft_and_no_jump_of_the_encoder_moves_a_joint_faster_than_it_can_turn(name, size):
-    interface = make_interface(name)
+    interface = make_interface(LEAP, name)
     before, steps = measured(observation(3))[0], []
     for k in range(20):
         seen = observation(3, seed=k)
@@ -48,7 +49,7 @@ def test_no_draft_and_no_jump_of_the_encoder_moves_a_joint_faster_than_it_can_tu
 
 @pytest.mark.parametrize("name", DRAFT_METHODS)
 def test_targets_stay_within_the_joints_limits(name):
-    interface, seen = make_interface(name), observation(2)
+    interface, seen = make_interface(LEAP, name), observation(2)
     draft = held(torch.full((2, 4, 3), 0.5, dtype=torch.float64))
     for _ in range(10):
         targets = interface.step(seen, draft)
@@ -57,7 +58,7 @@ def test_targets_stay_within_the_joints_limits(name):
 
 
 def test_the_speed_of_the_first_step_after_a_reset_counts_from_the_measured_hand():
-    interface, draft = make_interface("joint"), torch.full((2, 1, 16), 2.0, dtype=torch.float64)
+    interface, draft = make_interface(LEAP, "joint"), torch.full((2, 1, 16), 2.0, dtype=torch.float64)
     first = interface.step(observation(2), draft)
     assert torch.equal(first, torch.minimum(draft[:, 0], measured(observation(2))[0] + LARGEST_STEP))
     interface.reset(torch.tensor([True, False]))
@@ -68,7 +69,7 @@ def test_the_speed_of_the_first_step_after_a_reset_counts_from_the_measured_hand
 
 
 def test_joint_targets_within_the_limit_pass_bit_for_bit_and_their_motion_is_told():
-    interface, seen = make_interface("joint"), observation(2)
+    interface, seen = make_interface(LEAP, "joint"), observation(2)
     draft = (seen[STATE][:, None, -16:] + 0.4).float()
     targets = interface.step(seen, draft)
     assert torch.equal(targets, draft[:, 0])
@@ -77,7 +78,7 @@ def test_joint_targets_within_the_limit_pass_bit_for_bit_and_their_motion_is_tol
 
 
 def test_a_jump_of_a_draft_is_made_up_in_several_steps_and_not_ignored():
-    interface, seen = make_interface("raw"), observation(1)
+    interface, seen = make_interface(LEAP, "raw"), observation(1)
     _, start, _ = measured(seen)
     goal = fingertips(LEAP, seen[STATE][:, -16:] + 0.6)
     assert ((goal - start).norm(dim=-1) > 0.03).all()
@@ -94,7 +95,7 @@ def test_a_jump_of_a_draft_is_made_up_in_several_steps_and_not_ignored():
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_what_was_asked_outward_for_long_does_not_delay_the_way_back(name, axis, sign):
     """Most directions end with fingers stretched straight, where inverse kinematics would be stuck."""
-    interface, seen = make_interface(name), observation(1)
+    interface, seen = make_interface(LEAP, name), observation(1)
     seen = {STATE: seen[STATE]}
     draft = torch.zeros(1, 8, 4, 3, dtype=torch.float64)
     draft[..., axis] = sign * 0.005
@@ -108,7 +109,7 @@ def test_what_was_asked_outward_for_long_does_not_delay_the_way_back(name, axis,
 
 
 def test_joints_that_are_no_numbers_are_never_executed():
-    hand, joints = CommandedHand(), hand_poses(2)
+    hand, joints = CommandedHand(LEAP), hand_poses(2)
     hand.look({STATE: joints})
     with pytest.raises(DexFlexError, match=r"NaN or infinity in rows \[0, 1\]; nothing was executed"):
         hand.execute(joints * torch.nan)
@@ -116,7 +117,7 @@ def test_joints_that_are_no_numbers_are_never_executed():
 
 
 def test_the_posture_is_the_commanded_one_unless_it_is_told():
-    hand, joints = CommandedHand(), hand_poses(2)
+    hand, joints = CommandedHand(LEAP), hand_poses(2)
     hand.look({STATE: joints})
     executed = hand.execute(joints + 1.0)
     torch.testing.assert_close(executed, joints + LARGEST_STEP)

@@ -5,6 +5,7 @@ from importlib import import_module
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import INTERFACES, Method, make_interface
 from lerobot_dexflex.interfaces.contact_projection import ProjectionSettings
 from lerobot_dexflex.interfaces.method import require_drafts
@@ -89,7 +90,7 @@ def test_names_that_mean_nothing_are_refused_with_what_is_valid(name, message):
 def test_an_entry_names_exactly_what_its_interface_takes(name):
     entry = INTERFACES[name]
     taken = set(inspect.signature(getattr(import_module(entry.module), entry.maker)).parameters)
-    assert taken == set(entry.options)
+    assert taken == {"hand", *entry.options}
     assert not entry.main_option or entry.main_option in entry.options
 
 
@@ -98,16 +99,18 @@ def test_the_options_of_the_projection_are_its_settings():
 
 
 def test_options_reach_the_interface_and_leave_the_others_as_they_are():
-    press = make_interface("press:2.5+blocked=True+release=0.004+smoothing=0.4+servo=0.001+back=0+limit=0.01")
+    press = make_interface(
+        LEAP, "press:2.5+blocked=True+release=0.004+smoothing=0.4+servo=0.001+back=0+limit=0.01"
+    )
     found = vars(press.settings), press._grip.servo  # pyright: ignore[reportAttributeAccessIssue]
     assert found[0] == {"force": 2.5, "release": 0.004, "blocked": True, "smoothing": 0.4}
     assert (found[1].gain, found[1].back, found[1].limit) == (0.001, 0.0, 0.01)
 
 
 def test_a_gain_is_set_and_a_plain_name_leaves_one():
-    made = make_interface("press:2@0.5")
+    made = make_interface(LEAP, "press:2@0.5")
     assert (made.name, made.gain) == ("press:2@0.5", 0.5)  # pyright: ignore[reportAttributeAccessIssue]
-    assert make_interface("press:2@1").gain == 1.0  # pyright: ignore[reportAttributeAccessIssue]
+    assert make_interface(LEAP, "press:2@1").gain == 1.0  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_a_version_follows_a_methods_own_modules_only():

@@ -23,7 +23,7 @@ def leads(interface, steps):
 
 
 def test_without_a_grasp_it_executes_what_raw_does():
-    interface, raw = ProjectionInterface(), make_interface("raw")
+    interface, raw = ProjectionInterface(LEAP), make_interface(LEAP, "raw")
     for k in range(5):
         seen = observation(1, seed=k) | FREE
         draft = held(torch.full((1, 4, 3), 0.001 * (k + 1), dtype=torch.float64))
@@ -31,7 +31,7 @@ def test_without_a_grasp_it_executes_what_raw_does():
 
 
 def test_a_pressing_draft_builds_up_a_squeeze_slowly_and_it_stays():
-    interface, seen = make_interface("projection:squeeze_gain=0+speed=0.001"), touching(2.0)
+    interface, seen = make_interface(LEAP, "projection:squeeze_gain=0+speed=0.001"), touching(2.0)
     _, _, inward = measured(seen)
     pressing = held(0.006 * inward)
     depth = (leads(interface, [(seen, pressing)] * 40)[:, 0] * inward).sum(-1)  # (steps, 4)
@@ -44,13 +44,13 @@ def test_a_pressing_draft_builds_up_a_squeeze_slowly_and_it_stays():
 
 def test_the_command_is_where_it_was_when_the_hand_has_moved():
     """The lead is from the measured tips, wherever they are by now."""
-    interface = ProjectionInterface()
+    interface = ProjectionInterface(LEAP)
     first = observation(1) | FREE
     second = first | {STATE: first[STATE] + 0.05}
     goal = measured(first)[1] + 0.002
     interface.step(first, held(goal - measured(first)[1]))
     posture = interface._hand.posture
-    blind = make_interface("projection:free_gain=0")
+    blind = make_interface(LEAP, "projection:free_gain=0")
     blind.step(first, held(goal - measured(first)[1]))
     joints = interface.step(second, held(goal - measured(second)[1]))
     torch.testing.assert_close(joints, solve_fingertips(LEAP, goal, posture), atol=1e-9, rtol=0)
@@ -60,7 +60,7 @@ def test_the_command_is_where_it_was_when_the_hand_has_moved():
 
 
 def test_a_command_that_is_not_followed_does_not_run_away():
-    interface, seen = ProjectionInterface(), observation(1) | FREE
+    interface, seen = ProjectionInterface(LEAP), observation(1) | FREE
     draft = held(torch.tensor([0.0, 0.0, -0.2], dtype=torch.float64).expand(1, 4, 3))
     lead = leads(interface, [(seen, draft)] * 5).norm(dim=-1)
     torch.testing.assert_close(lead, torch.full_like(lead, RUNAWAY))
@@ -70,7 +70,7 @@ def test_a_command_that_is_not_followed_does_not_run_away():
 
 
 def test_insisting_drafts_let_go_and_a_reset_row_must_insist_anew():
-    interface, seen = ProjectionInterface(), touching(1.0, rows=2)
+    interface, seen = ProjectionInterface(LEAP), touching(1.0, rows=2)
     _, _, inward = measured(seen)
     opening = held(-0.008 * inward)
     away = -(leads(interface, [(seen, opening)] * 6) * inward).sum(-1).amin(-1)  # (steps, rows)
@@ -93,7 +93,7 @@ def test_a_plan_is_told_from_a_draft_that_holds():
     slide = 5e-4 * slide
     steps = torch.arange(1, 9, dtype=torch.float64).view(1, -1, 1, 1)
     moved = [
-        (leads(make_interface("projection:gain=1+squeeze_gain=0"), [(seen, draft)])[0] - slide).norm()
+        (leads(make_interface(LEAP, "projection:gain=1+squeeze_gain=0"), [(seen, draft)])[0] - slide).norm()
         for draft in (steps * slide[:, None], held(slide))
     ]
     assert moved[0] < 1e-5
@@ -102,7 +102,7 @@ def test_a_plan_is_told_from_a_draft_that_holds():
 
 @pytest.mark.parametrize("fault", ["key absent", "NaN"])
 def test_missing_touch_is_survived_and_counts_as_free(fault):
-    interface, seen = ProjectionInterface(), touching(1.0)
+    interface, seen = ProjectionInterface(LEAP), touching(1.0)
     blind = {STATE: seen[STATE]} if fault == "key absent" else seen | {TACTILE: seen[TACTILE] * torch.nan}
     draft = held(torch.full((1, 4, 3), 0.001, dtype=torch.float64))
     before = torch.zeros(1, 4, 3, dtype=torch.float64)
@@ -115,8 +115,8 @@ def test_missing_touch_is_survived_and_counts_as_free(fault):
 
 
 def test_options_are_its_gains():
-    interface = make_interface("projection:preload=2+speed=0.002")
+    interface = make_interface(LEAP, "projection:preload=2+speed=0.002")
     assert isinstance(interface, ProjectionInterface)
     assert (interface.settings.preload, interface.settings.speed) == (2.0, 0.002)
     with pytest.raises(DexFlexError, match="`gain` must be 0 or more"):
-        make_interface("projection:gain=-1")
+        make_interface(LEAP, "projection:gain=-1")

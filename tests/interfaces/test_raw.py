@@ -12,7 +12,7 @@ from lerobot_dexflex.interfaces import make_interface
 
 @pytest.mark.parametrize("arm", [0, 7])
 def test_raw_solves_for_the_measured_tips_plus_the_first_step_of_the_draft(arm):
-    interface, draft, seen = make_interface("raw"), drafts("raw", 3), observation(3, arm=arm)
+    interface, draft, seen = make_interface(LEAP, "raw"), drafts("raw", 3), observation(3, arm=arm)
     joints, tips, _ = measured(seen)
     assert torch.equal(interface.step(seen, draft), solve_fingertips(LEAP, tips + draft[:, 0], joints))
     assert interface.motion is not None
@@ -20,7 +20,7 @@ def test_raw_solves_for_the_measured_tips_plus_the_first_step_of_the_draft(arm):
 
 
 def test_a_still_draft_keeps_the_tips_where_they_are_measured_whatever_was_asked_before():
-    interface = make_interface("raw")
+    interface = make_interface(LEAP, "raw")
     interface.step(observation(1), held(torch.full((1, 4, 3), 0.01)))
     seen = observation(1, seed=3)
     _, tips, _ = measured(seen)
@@ -31,7 +31,7 @@ def test_a_still_draft_keeps_the_tips_where_they_are_measured_whatever_was_asked
 
 
 def test_a_hand_that_does_not_follow_is_asked_for_the_same_and_not_for_more():
-    interface, seen = make_interface("raw"), touching(3.0)
+    interface, seen = make_interface(LEAP, "raw"), touching(3.0)
     _, tips, _ = measured(seen)
     draft = held(torch.full((1, 4, 3), 0.002, dtype=torch.float64))
     joints = torch.empty(0)
@@ -41,7 +41,7 @@ def test_a_hand_that_does_not_follow_is_asked_for_the_same_and_not_for_more():
 
 
 def test_the_posture_is_tied_to_the_previous_command_and_not_to_the_measured_hand():
-    interface, draft = make_interface("raw"), drafts("raw", 1)
+    interface, draft = make_interface(LEAP, "raw"), drafts("raw", 1)
     first = interface.step(observation(1), draft)
     seen = observation(1, seed=5)
     _, tips, _ = measured(seen)
@@ -52,7 +52,7 @@ def test_the_posture_is_tied_to_the_previous_command_and_not_to_the_measured_han
 
 def test_a_gain_scales_the_motion():
     seen, draft = observation(2), drafts("raw", 2)
-    half, raw = make_interface("raw@0.5"), make_interface("raw")
+    half, raw = make_interface(LEAP, "raw@0.5"), make_interface(LEAP, "raw")
     assert torch.equal(half.step(seen, draft), raw.step(seen, 0.5 * draft))
     assert half.motion is not None
     assert torch.equal(half.motion, 0.5 * draft[:, 0])
@@ -66,7 +66,7 @@ def test_a_draft_of_motion_lets_go_and_one_that_commands_into_the_object_holds_i
     dropped = []
     for presses in (True, False):
         env.restore(start)
-        interface, seen, info = make_interface("raw"), first, {}
+        interface, seen, info = make_interface(LEAP, "raw"), first, {}
         for _ in range(30):
             state = {"observation.state": torch.as_tensor(seen["agent_pos"])[None]}
             draft = held(squeeze - measured(state)[1]) if presses else still()

@@ -55,8 +55,8 @@ def test_unless_told_to_split_all_of_a_draft_is_motion(controller):
 
 def test_dexgen_reads_drafts_alike(controller):
     prior = DiffusionPrior(controller.config)
-    splitting = DexGenInterface(finding(controller), prior, use_splitter=True)
-    plain = DexGenInterface(controller, prior)
+    splitting = DexGenInterface(LEAP, finding(controller), prior, use_splitter=True)
+    plain = DexGenInterface(LEAP, controller, prior)
     splitting.step(SEEN, pressing_draft())
     plain.step(SEEN, pressing_draft() - TAKEN)
     torch.testing.assert_close(splitting.motion, plain.motion, rtol=0, atol=1e-7)

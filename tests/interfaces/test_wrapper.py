@@ -3,12 +3,13 @@
 import torch
 from interface_cases import drafts, observation
 
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Interface, make_interface
 from lerobot_dexflex.interfaces.wrapper import WrappedInterface
 
 
 def test_a_wrapper_is_its_interface_until_it_changes_something():
-    inner, alone = make_interface("press@0.5"), make_interface("press@0.5")
+    inner, alone = make_interface(LEAP, "press@0.5"), make_interface(LEAP, "press@0.5")
     wrapped: Interface = WrappedInterface(inner)
     assert (wrapped.name, wrapped.command_space, wrapped.motion) == ("press@0.5", "draft", None)
     for k in range(4):
@@ -22,6 +23,6 @@ def test_a_wrapper_is_its_interface_until_it_changes_something():
 
 
 def test_a_wrapper_tells_why_where_its_interface_does():
-    inner = make_interface("raw")
+    inner = make_interface(LEAP, "raw")
     inner.explanation = "because"  # pyright: ignore[reportAttributeAccessIssue]
     assert WrappedInterface(inner).explanation == "because"

@@ -3,11 +3,11 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from lerobot_dexflex.conventions import CONTROL_PERIOD
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hands import LEAP
-from lerobot_dexflex.interfaces.commanded_hand import LARGEST_STEP
 from lerobot_policy_dexflex.drafts import smoothed, without_squeeze
 from lerobot_policy_dexflex.measured_tips import NEXT_TIPS
 
@@ -323,7 +323,7 @@ def test_the_first_command_of_an_episode_starts_at_the_measured_hand(build, obse
     far = {**observation, "observation.state": observation["observation.state"] + 0.8}
     targets = policy.select_action(far, noise(policy))
     change = (targets - far["observation.state"])[:, 7:].abs().max()
-    assert change == pytest.approx(LARGEST_STEP, abs=1e-6)
+    assert change == pytest.approx(LEAP.joint_speeds.min() * CONTROL_PERIOD, abs=1e-6)
 
 
 def test_observations_take_the_statistics_of_the_dataset_and_each_fingertip_has_one_scale(build):

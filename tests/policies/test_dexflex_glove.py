@@ -85,7 +85,7 @@ def test_it_leads_from_its_start_and_holds_still_when_the_stream_ends(make):
     found = run(teleop, 9.0)
     np.testing.assert_allclose(found[0][:7], START[:7], atol=1e-3)
     np.testing.assert_allclose(found[0], START, atol=0.3)
-    moved = RobotIK(found[60]).palm.position - RobotIK(START).palm.position
+    moved = RobotIK(LEAP, found[60]).palm.position - RobotIK(LEAP, START).palm.position
     np.testing.assert_allclose(moved, (0.0, 0.0, 0.1), atol=0.01)
     assert np.abs(found[60] - found[0])[7:].max() > 0.1
     np.testing.assert_array_equal(found[-1], found[-15])

@@ -76,7 +76,7 @@ class Recorder(RawInterface):
     """Keeps the drafts that `raw` gets."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(LEAP)
         self.drafts: list[Tensor] = []
 
     def step(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:

@@ -10,14 +10,18 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_policy_dexflex import DexflexEnvConfig
 
 
-@pytest.mark.parametrize(("task", "joints"), [(name, task.joints) for name, task in TASKS.items()])
-def test_features_are_named_as_in_the_dataset(task, joints):
-    features = env_to_policy_features(DexflexEnvConfig(task=task))
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(
+    ("hand", "of_hand", "taxels", "tips"), [("leap", 16, 240, 12), ("sharpa", 22, 300, 15)]
+)
+def test_features_are_named_as_in_the_dataset(task, hand, of_hand, taxels, tips):
+    features = env_to_policy_features(DexflexEnvConfig(task=task, hand=hand))
+    joints = of_hand if task == "Reach-v0" else 7 + of_hand
     assert {key: tuple(feature.shape) for key, feature in features.items()} == {
         "action": (joints,),
         "observation.state": (joints,),
-        "observation.tactile": (240,),
-        "observation.fingertips": (12,),
+        "observation.tactile": (taxels,),
+        "observation.fingertips": (tips,),
         "observation.gravity": (3,),
         "observation.images.front": (3, 96, 96),
         "observation.images.wrist": (3, 96, 96),
@@ -82,16 +86,28 @@ def test_an_unknown_task_is_refused_with_the_valid_ones():
 def test_the_time_limit_is_the_tasks_own_unless_told():
     assert DexflexEnvConfig().gym_kwargs["max_episode_steps"] == TASKS["PlaceHammer-v0"].max_episode_steps
     config = DexflexEnvConfig(episode_length=7, options={"render_size": 64})
-    assert config.gym_kwargs == {"render_mode": "rgb_array", "max_episode_steps": 7, "render_size": 64}
+    others = {"render_mode": "rgb_array", "render_size": 64, "hand": "leap"}
+    assert config.gym_kwargs == others | {"max_episode_steps": 7}
     with pytest.raises(ParsingError, match=r"at least 1. Got 0"):
         DexflexEnvConfig(episode_length=0)
 
 
 def test_a_policy_whose_post_processor_makes_joint_targets_has_an_action_of_another_size():
     assert env_to_policy_features(DexflexEnvConfig(action_size=19))["action"].shape == (19,)
-    for task, valid in (("PourCup-v0", "23, 19, 35"), ("Reach-v0", "16, 12, 28")):
+    for task, hand, valid in (
+        ("PourCup-v0", "leap", "23, 19, 35"),
+        ("Reach-v0", "leap", "16, 12, 28"),
+        ("PourCup-v0", "sharpa", "29, 22, 44"),
+    ):
         with pytest.raises(ParsingError, match=f"`action_size` of {task} must be {valid} or 0. Got 7"):
-            DexflexEnvConfig(task=task, action_size=7)
+            DexflexEnvConfig(task=task, hand=hand, action_size=7)
+
+
+def test_the_environment_has_the_hand_that_is_named():
+    vector = DexflexEnvConfig(task="Reach-v0", hand="sharpa", options={"cameras": []}).create_envs(1)
+    assert vector["dexflex"][0].call("hand")[0].name == "sharpa"
+    with pytest.raises(ParsingError, match=r"--env.hand: There is no hand 'leapt'. Choose from .*'leap'"):
+        DexflexEnvConfig(hand="leapt")
 
 
 @pytest.mark.parametrize("asynchronous", [False, True])

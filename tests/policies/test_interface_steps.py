@@ -67,7 +67,7 @@ def rows(observation, chosen):
 def test_joint_targets_are_bit_for_bit_the_interfaces_own(
     pipelines, controller_folder, observation, interface
 ):
-    direct = make_interface(interface, controller_folder)
+    direct = make_interface(LEAP, interface, controller_folder)
     targets = act(pipelines(interface), observation)
     assert targets.shape == (STEPS, 4, 23)
     here = fingertips(LEAP, observation["observation.state"][:, 7:].double())

@@ -22,13 +22,15 @@ TASK = "Count-v0"
 class CountingEnv(gymnasium.Env):
     """Count the steps: every observation tells the seed and the step, some seeds fail."""
 
+    hand = LEAP
     joints = robot_joints(LEAP)
     command = np.zeros(23)
     pad_forces = np.array([0.5, 1.0, 1.5, 2.0])
     metadata = {"render_modes": [], "render_fps": 20}  # noqa: RUF012
 
-    def __init__(self, cameras: tuple[str, ...] = ("front", "wrist")) -> None:
+    def __init__(self, cameras: tuple[str, ...] = ("front", "wrist"), hand=LEAP) -> None:
         self._cameras = cameras
+        assert hand in (LEAP, LEAP.name)
         self.action_space = spaces.Box(-np.inf, np.inf, (23,), np.float32)
         self.observation_space = spaces.Dict()
         self._seed = self._step = 0
@@ -67,7 +69,7 @@ def count(env: CountingEnv, rng: np.random.Generator) -> Iterator[Command]:
 def counting(monkeypatch, *modules) -> Iterator[str]:
     """Make the task known, and its expert to these modules."""
     module = "lerobot_dexflex.envs.registration:"
-    monkeypatch.setitem(TASKS, TASK, TaskInfo(module, 20, "Count to nine.", 23))
+    monkeypatch.setitem(TASKS, TASK, TaskInfo(module, 20, "Count to nine."))
     monkeypatch.setitem(experts._EXPERTS, TASK, "lerobot_dexflex.experts.command:Command")
     for module in modules:
         monkeypatch.setattr(module, "make_expert", lambda task: count)

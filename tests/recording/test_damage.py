@@ -35,10 +35,10 @@ def interrupt_after(monkeypatch, attempts):
     """Let the user press Ctrl-C after so many attempts."""
     original = attempt.run_attempt
 
-    def run(task, seed, index, **options):
+    def run(hand, task, seed, index, **options):
         if index == attempts:
             raise KeyboardInterrupt
-        return original(task, seed, index, **options)
+        return original(hand, task, seed, index, **options)
 
     monkeypatch.setattr(record, "run_attempt", run)
 
@@ -211,9 +211,9 @@ def test_a_second_recording_into_a_folder_is_refused_and_told_who_works_there(
     statuses = []
     original = attempt.run_attempt
 
-    def meanwhile(task, seed, index, **options):
+    def meanwhile(hand, task, seed, index, **options):
         statuses.append(main([*words, f"--root={root}"]))
-        return original(task, seed, index, **options)
+        return original(hand, task, seed, index, **options)
 
     monkeypatch.setattr(record, "run_attempt", meanwhile)
     assert main([*words, f"--root={root}"]) == 0

@@ -1,6 +1,7 @@
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording.attempt import Attempt
 from lerobot_dexflex.recording.expert_rate import expert_rate
 
@@ -11,7 +12,7 @@ def every_fourth_fails(index):
 
 
 def measure(table, run=every_fourth_fails, episodes=8, seed=100):
-    return expert_rate("PlaceHammer-v0", episodes, seed, 0, table, run, quiet=True)
+    return expert_rate(LEAP, "PlaceHammer-v0", episodes, seed, 0, table, run, quiet=True)
 
 
 def test_every_attempt_leaves_a_row(tmp_path):
@@ -61,5 +62,5 @@ def test_bad_numbers_and_other_files_are_refused(tmp_path):
 
 
 def test_the_real_expert_solves_an_unseen_state(tmp_path):
-    rows = expert_rate("PlaceHammer-v0", 1, 200_000, 0, tmp_path / "tasks.csv", quiet=True)
+    rows = expert_rate(LEAP, "PlaceHammer-v0", 1, 200_000, 0, tmp_path / "tasks.csv", quiet=True)
     assert rows["success"].tolist() == [True]

@@ -9,6 +9,7 @@ import yaml
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.experts.command import Command, fingertips_of
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording import RecordConfig, attempt, record, staging
 
 
@@ -58,7 +59,7 @@ def test_frame_k_holds_the_observation_before_the_step_and_the_label(counting_ta
     np.testing.assert_array_equal(frame["observation.gravity"], [0, 0, -1])
     noise = np.random.default_rng((1, 3)).normal(size=(9, 23))
     np.testing.assert_allclose(frame["action"][:23], noise[5], atol=2.0**-15)
-    np.testing.assert_allclose(frame["action"][23:], fingertips_of(noise[5, 7:]).ravel(), atol=2.0**-18)
+    np.testing.assert_allclose(frame["action"][23:], fingertips_of(LEAP, noise[5, 7:]).ravel(), atol=2.0**-18)
     np.testing.assert_array_equal(frame["operator.draft"], np.full(12, 5 / 128, np.float32))
     np.testing.assert_array_equal(frame["contact.loads"], [0.5, 1.0, 1.5, 2.0])
     assert frame["task"] == "Count to nine."
@@ -73,10 +74,10 @@ def follow(env, rng):
     """Command the fingertips of the joints as they are measured, which change by 1/16 rad per step."""
     for k in range(9):
         joints = np.full(23, k / 16)
-        yield Command(joints, joints, np.tile(fingertips_of(joints[7:]), (8, 1, 1)))
+        yield Command(joints, joints, np.tile(fingertips_of(LEAP, joints[7:]), (8, 1, 1)))
 
 
-MEASURED = np.stack([fingertips_of(np.full(16, k / 16)).ravel() for k in range(9)])
+MEASURED = np.stack([fingertips_of(LEAP, np.full(16, k / 16)).ravel() for k in range(9)])
 """Fingertips at every step of seed 0."""
 
 
@@ -90,7 +91,7 @@ def test_joint_executes_and_records_the_operators_joints_bit_for_bit(counting_ta
         return env
 
     monkeypatch.setattr(attempt.gymnasium, "make", listening)
-    attempt.run_attempt(counting_task, 0, 0)
+    attempt.run_attempt(LEAP, counting_task, 0, 0)
     joints = np.random.default_rng((0, 0)).normal(size=(9, 23))
     np.testing.assert_array_equal(executed, joints + 0.1)
 
@@ -140,7 +141,7 @@ def test_the_gloves_noise_is_in_the_labels_and_on_the_card_and_no_other_recordin
     offset = actions[:, 23:] - MEASURED
     assert 0.003 < np.abs(offset).max() < 0.0045  # The IK may miss by half a millimetre.
     assert np.abs(offset.mean()) < 0.001
-    executed = np.stack([fingertips_of(joints).ravel() for joints in actions[:, 7:23]])
+    executed = np.stack([fingertips_of(LEAP, joints).ravel() for joints in actions[:, 7:23]])
     np.testing.assert_allclose(actions[:, 23:], executed, atol=1e-5)
     assert "its glove spoilt them: `noise_4mm`" in (root / "README.md").read_text()
     with pytest.raises(DexFlexError, match=r"glove: 'noise_4mm' there, 'clean' now"):
@@ -228,10 +229,10 @@ def test_an_interrupted_recording_is_loadable_and_continues_to_the_same_data(
 
     original = attempt.run_attempt
 
-    def interrupted(task, seed, index, **options):
+    def interrupted(hand, task, seed, index, **options):
         if index == 4:
             raise KeyboardInterrupt
-        return original(task, seed, index, **options)
+        return original(hand, task, seed, index, **options)
 
     monkeypatch.setattr(record, "run_attempt", interrupted)
     assert not record.record(config(counting_task, broken), [])
@@ -240,7 +241,9 @@ def test_an_interrupted_recording_is_loadable_and_continues_to_the_same_data(
 
     recorded = []
     monkeypatch.setattr(
-        record, "run_attempt", lambda task, seed, k, **options: recorded.append(k) or original(task, seed, k)
+        record,
+        "run_attempt",
+        lambda hand, task, seed, k, **options: recorded.append(k) or original(hand, task, seed, k),
     )
     assert record.record(config(counting_task, broken), [])
     assert recorded == [4, 5]
@@ -280,7 +283,7 @@ def test_a_folder_of_something_else_is_refused_and_kept(counting_task, tmp_path)
 
 
 def test_attempts_of_other_code_are_not_mixed(counting_task, tmp_path, monkeypatch):
-    def interrupted(task, seed, index, **options):
+    def interrupted(hand, task, seed, index, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(record, "run_attempt", interrupted)

@@ -39,7 +39,7 @@ attempts = []
 for k in range(2):
     own = pictures[60 * k : 60 * (k + 1)]
     frames = {f"observation.images.{camera}": own for camera in ("front", "wrist")}
-    for key, column in (columns(robot_joints(LEAP)) | privileged_columns()).items():
+    for key, column in (columns(LEAP, robot_joints(LEAP)) | privileged_columns(LEAP)).items():
         frames[key] = np.random.default_rng(k).normal(size=(60, len(column.names))).astype(np.float32)
     attempts.append(Attempt(k, k, True, 60, 1.0, frames, kept=True))
     save_attempt(attempts[-1], staging)
@@ -97,10 +97,10 @@ def test_workers_and_interruptions_do_not_show_in_a_recording(tmp_path, monkeypa
     assert record.record(config("here", 0), [])
     original = attempt.run_attempt
 
-    def interrupted(task, seed, index, **options):
+    def interrupted(hand, task, seed, index, **options):
         if index == 1:
             raise KeyboardInterrupt
-        return original(task, seed, index, **options)
+        return original(hand, task, seed, index, **options)
 
     with monkeypatch.context() as patch:
         patch.setattr(record, "run_attempt", interrupted)

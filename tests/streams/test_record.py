@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from synthetic_hand import HAND, LEFTWARD, PLACE
 
-from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.streams.record import HUMAN_TIPS, KEYPOINT_NAMES, ROBOT_TIPS, Record
+from lerobot_dexflex.streams.record import HUMAN_TIPS, KEYPOINT_NAMES, Record
 
 
 @pytest.fixture
@@ -27,7 +26,7 @@ def test_points_have_mediapipes_names_and_numbers():
         "pinky_mcp",
     ]
     assert all(KEYPOINT_NAMES[k].endswith("_tip") for k in HUMAN_TIPS.values())
-    assert [KEYPOINT_NAMES[k].split("_")[0] for k in ROBOT_TIPS] == list(FINGER_NAMES)
+    assert {KEYPOINT_NAMES[k].split("_")[0]: k for k in HUMAN_TIPS.values()} == HUMAN_TIPS
 
 
 def test_what_is_not_tracked_is_nan_whatever_was_said(record):

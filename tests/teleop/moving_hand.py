@@ -12,6 +12,8 @@ from lerobot_dexflex.streams.source import Newest
 
 START = np.array((0.0, -0.35, 0.0, 0.95, 0.0, 1.3, np.pi / 2, *LEAP.relaxed_joints))
 """A robot over a table, palm down."""
+TIPS = [8, 12, 16, 4]
+"""Keypoints that lead the fingers of LEAP."""
 FORWARD = np.eye(3)
 """Fingers to the world's +x, back of the hand up."""
 

@@ -3,6 +3,7 @@ import pytest
 from moving_hand import MovingHand, bent, record
 from synthetic_hand import HAND, LEFT_HAND
 
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.teleop.calibration import HELD, OpenHand
 
@@ -13,7 +14,7 @@ AT_THE_PALM[4] = (0.05, 0.0, -0.03)
 
 def watch(at, seconds=2.5, eyes=None):
     """Look at a hand at 50 Hz; return the retargeting, when it was found, and the complaint."""
-    eyes, source = eyes or OpenHand(), MovingHand(at)
+    eyes, source = eyes or OpenHand(LEAP), MovingHand(at)
     for now in np.arange(0.0, seconds, 0.02).tolist():
         found = eyes.look(source.newest(now), now)
         if found is not None:
@@ -30,14 +31,14 @@ def test_an_open_hand_that_is_held_still_is_fitted_after_a_second():
     found, now, _ = watch(lambda t: record(t, wrist=False))
     assert found is not None
     assert now == pytest.approx(HELD, abs=0.03)
-    assert found.scale == pytest.approx(calibrate(record(0.0)).scale)
+    assert found.scale == pytest.approx(calibrate(LEAP, record(0.0)).scale)
 
 
 def test_noise_is_averaged_out():
     found, _, _ = watch(lambda t: shaken(t, 0.002))
     assert found is not None
-    exact = calibrate(record(0.0)).offset
-    single = [np.linalg.norm(calibrate(shaken(t, 0.002)).offset - exact) for t in np.arange(0, 1, 0.1)]
+    exact = calibrate(LEAP, record(0.0)).offset
+    single = [np.linalg.norm(calibrate(LEAP, shaken(t, 0.002)).offset - exact) for t in np.arange(0, 1, 0.1)]
     assert np.linalg.norm(found.offset - exact) < 0.3 * np.median(single)
 
 

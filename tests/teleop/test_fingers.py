@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from moving_hand import bent, record
+from moving_hand import TIPS, bent, record
 
-from lerobot_dexflex.streams.record import ROBOT_TIPS, Record
+from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.streams.record import Record
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.teleop.fingers import RETURN_SPEED, FingerLead
 
@@ -13,7 +14,7 @@ START = np.array([[0.13, 0.01, -0.02], [0.13, -0.04, -0.02], [0.13, -0.08, -0.02
 
 @pytest.fixture
 def retargeting():
-    return calibrate(record(0.0))
+    return calibrate(LEAP, record(0.0))
 
 
 @pytest.fixture
@@ -22,7 +23,7 @@ def fingers(retargeting):
 
 
 def wish(retargeting, angle):
-    return retargeting(bent(angle)[ROBOT_TIPS])
+    return retargeting(bent(angle)[TIPS])
 
 
 def follow(fingers, steps, **how):

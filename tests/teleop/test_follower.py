@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-from moving_hand import START, MovingHand, bent, record, turned
+from moving_hand import START, TIPS, MovingHand, bent, record, turned
 
 from lerobot_dexflex.hand.kernels import fingertips
 from lerobot_dexflex.hands import LEAP
-from lerobot_dexflex.streams.record import ROBOT_TIPS
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.streams.source import Newest
 from lerobot_dexflex.teleop.clock import TICK
@@ -15,7 +14,7 @@ from lerobot_dexflex.teleop.ik import RobotIK
 
 @pytest.fixture
 def follower():
-    made = Follower(calibrate(record(0.0)), START)
+    made = Follower(calibrate(LEAP, record(0.0)), START)
     made.engaged = True
     return made
 
@@ -33,7 +32,7 @@ def run(follower, at, seconds, start=0.0, rate=100.0, period=TICK):
 
 
 def palm(joints):
-    return RobotIK(joints).palm
+    return RobotIK(LEAP, joints).palm
 
 
 def forward(t, speed=0.1):
@@ -45,14 +44,14 @@ def test_the_palm_moves_and_turns_as_the_wrist(follower):
     run(follower, lambda t: record(t, place=(0.1 * t, 0.05 * t, 1.0), turn=turned(0.3 * t)), 1.0)
     here, start = palm(follower.joints), palm(START)
     np.testing.assert_allclose(here.rotation, turned(0.3) @ start.rotation, atol=0.02)
-    pivot = calibrate(record(0.0)).offset
+    pivot = calibrate(LEAP, record(0.0)).offset
     moved = here.position + here.rotation @ pivot - start.position - start.rotation @ pivot
     np.testing.assert_allclose(moved, (0.1, 0.05, 0.0), atol=5e-3)
 
 
 def test_the_fingertips_go_where_the_persons_are(follower):
     run(follower, lambda t: record(t, keypoints=bent(0.3 * min(1.0, t))), 2.0)
-    wish = calibrate(record(0.0))(bent(0.3)[ROBOT_TIPS])
+    wish = calibrate(LEAP, record(0.0))(bent(0.3)[TIPS])
     np.testing.assert_allclose(fingertips(LEAP.tables, follower.joints[7:]), wish, atol=1e-3)
 
 

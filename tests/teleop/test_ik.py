@@ -1,13 +1,12 @@
 import numpy as np
 import pytest
-from moving_hand import START, bent, record
+from moving_hand import START, TIPS, bent, record
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.arm import robot_model, rotation_vector
 from lerobot_dexflex.hand.kernels import fingertips
 from lerobot_dexflex.hand.model import robot_joints
 from lerobot_dexflex.hands import LEAP
-from lerobot_dexflex.streams.record import ROBOT_TIPS
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.streams.wrist_frame import Frame
 from lerobot_dexflex.teleop.ik import ARM_SPEED, RobotIK
@@ -20,7 +19,7 @@ SPEED = np.repeat([ARM_SPEED, LEAP.motors[0].speed], [7, 16])
 
 @pytest.fixture
 def ik():
-    return RobotIK(START)
+    return RobotIK(LEAP, START)
 
 
 def errors(ik, palm, tips):
@@ -53,7 +52,7 @@ def test_where_the_robot_is_led_to_is_where_mujoco_has_it(ik):
 
 def test_random_reachable_poses_are_reached(ik):
     """Within 0.5 mm and 2 mrad in 0.3 s, each joint up to 0.35 rad away."""
-    rng, there = np.random.default_rng(0), RobotIK(START)
+    rng, there = np.random.default_rng(0), RobotIK(LEAP, START)
     for _ in range(20):
         there.put(START + rng.uniform(-0.35, 0.35, 23))
         palm, tips = there.palm, there.tips
@@ -103,7 +102,7 @@ def test_out_of_reach_the_robot_comes_near_and_to_rest(ik):
 
 
 def test_what_cannot_reach_slows_nothing_else(ik):
-    alone, palm = RobotIK(START), ik.palm
+    alone, palm = RobotIK(LEAP, START), ik.palm
     far_palm, far = Frame(palm.position + 1.0, palm.rotation), np.zeros((4, 3))
     far[3] = (0.0, 0.3, -0.3)
     for k in range(30):
@@ -132,13 +131,13 @@ def test_the_same_targets_give_the_same_fingers_whatever_was_before(ik):
 @pytest.mark.parametrize("seconds", [0.5, 1.0, 4.0])
 def test_fingers_bend_forward_however_often_the_hand_opens_and_closes(ik, seconds):
     """Also out of reach, and from a start that bends back: the robot's relaxed hand does."""
-    retargeting = calibrate(record(0.0))
+    retargeting = calibrate(LEAP, record(0.0))
     for phase in np.arange(0.0, 4.0, DT / seconds):
         angle = 0.6 * (1 - np.cos(2 * np.pi * phase))
-        joints = ik.solve(None, retargeting(bent(angle)[ROBOT_TIPS]), DT)
+        joints = ik.solve(None, retargeting(bent(angle)[TIPS]), DT)
         if phase > 1.0:
             assert (joints[BENDING] > -1e-6).all()
-    open_hand = retargeting(bent(0.0)[ROBOT_TIPS])
+    open_hand = retargeting(bent(0.0)[TIPS])
     for _ in range(50):
         ik.solve(None, open_hand, DT)
     off = np.linalg.norm(ik.tips - open_hand, axis=1)

@@ -3,14 +3,14 @@ import json
 import numpy as np
 import pytest
 from counting_task import count
-from moving_hand import bent, record
+from moving_hand import TIPS, bent, record
 from scripted_keys import InterruptedKeys, ScriptedKeys
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.recording import RecordConfig
 from lerobot_dexflex.recording import record as recorder
 from lerobot_dexflex.streams.files import RecordWriter
-from lerobot_dexflex.streams.record import ROBOT_TIPS
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.teleop.config import SimulatedConfig, TeleopConfig
 from lerobot_dexflex.teleop.ik import RobotIK
@@ -85,11 +85,11 @@ def test_a_hand_leads_the_robot_and_becomes_a_dataset_that_policies_train_on(tmp
     dataset = loaded(root)
     found = numbers(dataset)
     assert (dataset.num_episodes, dataset.num_frames) == (1, 40)
-    palms = [RobotIK(action[:23]).palm.position for action in found["action"]]
+    palms = [RobotIK(LEAP, action[:23]).palm.position for action in found["action"]]
     np.testing.assert_allclose(palms[-1] - palms[0], (0.0, 0.0, 0.095), atol=0.01)
-    measured = [RobotIK(state).palm.position for state in found["observation.state"]]
+    measured = [RobotIK(LEAP, state).palm.position for state in found["observation.state"]]
     np.testing.assert_allclose(measured[-1] - measured[0], (0.0, 0.0, 0.09), atol=0.02)
-    wish = calibrate(record(0.0))(bent(0.3 * 1.9)[ROBOT_TIPS])
+    wish = calibrate(LEAP, record(0.0))(bent(0.3 * 1.9)[TIPS])
     np.testing.assert_allclose(found["operator.draft"][-1].reshape(4, 3), wish, atol=5e-3)
     off = np.linalg.norm((found["operator.draft"] - found["action"][:, 23:]).reshape(-1, 4, 3), axis=-1)
     assert np.median(off[10:]) < 2e-3  # Raw goes where the person's fingertips are.

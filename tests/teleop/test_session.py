@@ -7,6 +7,7 @@ from counting_task import STEPS
 
 from lerobot_dexflex.envs.registration import NAMESPACE
 from lerobot_dexflex.experts.command import Command
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.recording.attempt import attempt_path, load_attempt
 from lerobot_dexflex.recording.staging import staging_folder
@@ -92,7 +93,7 @@ def play(config):
             session = Session(
                 env,
                 leader,
-                Hands(make_interface("raw")),
+                Hands(LEAP, make_interface(LEAP, "raw")),
                 Shelf(config, []),
                 typed,
                 view or NoView(),

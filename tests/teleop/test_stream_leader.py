@@ -3,8 +3,10 @@ import numpy as np
 import pytest
 from moving_hand import START, MovingHand, bent, record
 
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.streams.files import ReplaySource
 from lerobot_dexflex.streams.packets import PacketError
+from lerobot_dexflex.teleop.stream_config import LeadConfig
 from lerobot_dexflex.teleop.stream_leader import FOLLOWS, HOLDS, NO_WRIST, OPEN_YOUR_HAND, StreamLeader
 
 CALIBRATED = 1.1
@@ -18,7 +20,8 @@ def said():
 
 def lead(source, said, seconds, **how):
     """Let a source lead for a time; return the leader, and the joints after each tick."""
-    leader = StreamLeader(source, said.append, **({"engaged": True} | how))
+    engaged = how.pop("engaged", True)
+    leader = StreamLeader(LEAP, source, said.append, LeadConfig(**how), engaged)
     leader.put(START)
     joints = []
     for now in np.arange(0.0, seconds, 0.02).tolist():
@@ -101,7 +104,7 @@ def test_a_command_is_the_same_for_all_steps_of_its_draft(said):
     assert command is not None
     np.testing.assert_array_equal(command.joint_targets, joints[-1])
     np.testing.assert_array_equal(command.executed, joints[-1])
-    tips = fingertips_of(joints[-1, 7:])
+    tips = fingertips_of(LEAP, joints[-1, 7:])
     np.testing.assert_array_equal(command.draft, np.tile(tips, (8, 1, 1)))
     assert not command.slipping
 

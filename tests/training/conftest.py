@@ -1,45 +1,44 @@
 import pytest
 import torch
 
-from lerobot_dexflex.corpus.schema import COLUMNS, SNAPSHOT_COLUMNS
+from lerobot_dexflex.corpus.schema import columns, snapshot_columns
 from lerobot_dexflex.corpus.shard import Shard, shard_path, write_shard
 from lerobot_dexflex.hand.kinematics import finger_frames, fingertips, joint_limits
-from lerobot_dexflex.hands import LEAP
-
-JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
-
+from lerobot_dexflex.hands import LEAP, SHARPA
 
 EPISODES, STEPS = 6, 48
 AHEAD = torch.arange(1, 9)[:, None, None]
 
 
-def make_corpus(root, seed=0):
+def make_corpus(hand, root, seed=0):
     """Write a small corpus in the schema: plans and forces depend on touch, drafts are spoilt at times."""
     generator = torch.Generator().manual_seed(seed)
     for split in ("train", "tune"):
         for number in range(2):
-            write_shard(shard_path(root / split, number), _shard(generator))
+            write_shard(shard_path(root / split, number), _shard(hand, generator))
     return root
 
 
-def _shard(generator):
+def _shard(hand, generator):
     """Six episodes side by side, then one after the other."""
 
     def noise(*shape):
         return torch.randn(EPISODES, *shape, generator=generator)
 
-    joints = (JOINT_LOWER + JOINT_UPPER).float() / 2 + 0.2 * noise(16)
-    phase, gravity = 3 * noise(4), torch.nn.functional.normalize(noise(3), dim=-1)
+    fingers, lengths = hand.n_fingers, torch.bincount(torch.tensor(hand.finger_of_joint))
+    lower, upper = joint_limits(hand)
+    joints = (lower + upper).float() / 2 + 0.2 * noise(hand.n_joints)
+    phase, gravity = 3 * noise(fingers), torch.nn.functional.normalize(noise(3), dim=-1)
     pose = torch.cat([0.1 + 0.01 * noise(3), torch.nn.functional.normalize(noise(4), dim=-1)], -1)
     steps = []
     for step in range(STEPS):
         loads = (2 * torch.sin(step / 6 + phase)).clamp(min=0)
-        tips = fingertips(LEAP, joints)
+        tips = fingertips(hand, joints)
         plan = 0.001 * AHEAD * (loads[:, None, :, None] - 1) * torch.tensor([1.0, -1.0, 0.5])
         spoilt = torch.arange(EPISODES) % 2 == (step // 12) % 2
-        draft = plan + spoilt.view(-1, 1, 1, 1) * 0.003 * noise(1, 4, 3)
+        draft = plan + spoilt.view(-1, 1, 1, 1) * 0.003 * noise(1, fingers, 3)
         local = loads[..., None] * torch.tensor([0.6, 0.0, 0.8])
-        rotation = finger_frames(LEAP, joints).distal_rotation
+        rotation = finger_frames(hand, joints).distal_rotation
         pose = torch.cat([pose[:, :3] + 0.002 * noise(3), pose[:, 3:]], -1)
         row = {
             "joints": joints,
@@ -50,7 +49,7 @@ def _shard(generator):
             "plan": plan,
             "forces": (rotation @ local[..., None]).squeeze(-1),
             "wanted": tips + draft[:, 0],
-            "joint_targets": joints + 0.05 * loads.repeat_interleave(4, -1),
+            "joint_targets": joints + 0.05 * loads.repeat_interleave(lengths, -1),
             "loads": loads,
             "object": pose,
             "expert": ~spoilt,
@@ -60,18 +59,24 @@ def _shard(generator):
             "kind": torch.arange(EPISODES) % 2,
         }
         steps.append(row)
-        joints = joints + 0.02 * noise(16)
+        joints = joints + 0.02 * noise(hand.n_joints)
     tensors = {key: torch.stack([row[key] for row in steps], 1).flatten(0, 1) for key in steps[0]}
     tensors |= {"snapshot_step": torch.zeros(1), "snapshot_physics": torch.zeros(1, 2)}
-    tensors |= {"snapshot_command": torch.zeros(1, 16)}
-    types = {**COLUMNS, **SNAPSHOT_COLUMNS}
+    tensors |= {"snapshot_command": torch.zeros(1, hand.n_joints)}
+    types = columns(hand) | snapshot_columns(hand)
     typed = {key: value.numpy().astype(types[key].dtype) for key, value in tensors.items()}
-    return Shard(typed, [{} for _ in range(EPISODES)], {})
+    return Shard(hand, typed, [{} for _ in range(EPISODES)], {})
 
 
 @pytest.fixture(scope="session")
-def corpus(tmp_path_factory):
-    return make_corpus(tmp_path_factory.mktemp("corpus"))
+def corpora(tmp_path_factory):
+    """A corpus of every hand, by the hand's name."""
+    return {hand.name: make_corpus(hand, tmp_path_factory.mktemp(hand.name)) for hand in (LEAP, SHARPA)}
+
+
+@pytest.fixture(scope="session")
+def corpus(corpora):
+    return corpora[LEAP.name]
 
 
 @pytest.fixture

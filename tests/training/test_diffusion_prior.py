@@ -3,6 +3,7 @@ import torch
 
 from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.dexgen import DexGenInterface
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.diffusion_prior import DexGenConfig, DexGenStage
@@ -70,7 +71,7 @@ def test_the_stage_puts_its_weights_beside_the_controller_that_it_started_from(c
         dexgen=DexGenConfig(fit=FitConfig(steps=2, batch_size=8), held_out_rows=8),
     )
     folder = train(config)
-    interface = DexGenInterface(folder)
+    interface = DexGenInterface(LEAP, folder)
     assert "dexgen" in interface.controller.record
     assert all(
         torch.equal(a, b)

@@ -40,7 +40,7 @@ def toy_prior():
         state, wide = toy_states(96)
         chunk = (torch.randn(96, 1).sign() * (1 + 0.5 * wide)).view(96, 1, 1, 1).expand(-1, -1, 4, 24)
         last = State(*[part[72:] for part in state])
-        loss = sum(flow_losses(prior, average, state, last, chunk, *flow_times(96, 72, 0.5, 0.4)))
+        loss = sum(flow_losses(prior, average, state, last, chunk, *flow_times(4, 96, 72, 0.5, 0.4)))
         assert isinstance(loss, torch.Tensor)
         optimizer.zero_grad()
         loss.backward()
@@ -85,7 +85,7 @@ def test_a_finger_drawn_anew_joins_the_mode_of_the_others(toy_prior):
 
 def test_flow_times_fill_their_bounds():
     torch.manual_seed(0)
-    t, size = flow_times(4000, 3000, own_share=0.5, clean_share=0.4)
+    t, size = flow_times(4, 4000, 3000, own_share=0.5, clean_share=0.4)
     assert t.shape == size.shape == (4000, 1, 4)
     clean = t == 1
     assert (size[clean] == 0).all()
@@ -98,7 +98,7 @@ def test_flow_times_fill_their_bounds():
     common = (t == t[..., :1]).all(-1) & ~clean.all(-1)
     assert float(common.double().mean()) == pytest.approx(0.5, abs=0.03)
     assert (size == size[..., :1])[common].all()
-    whole, steps = flow_times(500, 400, own_share=0.0, clean_share=0.4)
+    whole, steps = flow_times(4, 500, 400, own_share=0.0, clean_share=0.4)
     assert (whole == whole[..., :1]).all()
     assert (steps == steps[..., :1]).all()
 

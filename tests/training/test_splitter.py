@@ -3,12 +3,10 @@ import torch
 
 from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.hand.kinematics import contact_torques, fingertips, joint_limits, pads, solve_fingertips
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import LEAP, SHARPA
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.fit import FitConfig
 from lerobot_dexflex.training.splitter import SplitterConfig, SplitterStage, squeeze_of
-
-JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
 
 
 @pytest.fixture(scope="module")
@@ -23,14 +21,15 @@ def stage_of(splits, **changes):
     return controller, SplitterStage(controller, splits[0], splits[1], config)
 
 
-def test_a_position_servo_that_is_commanded_so_far_in_exerts_the_forces():
+@pytest.mark.parametrize("hand", [LEAP, SHARPA], ids=lambda hand: hand.name)
+def test_a_position_servo_that_is_commanded_so_far_in_exerts_the_forces(hand):
     """Whoever is led to tips + squeeze by inverse kinematics pushes with the forces' torques."""
-    joints = ((JOINT_LOWER + JOINT_UPPER) / 2)[None]
-    forces = 1.5 * pads(LEAP, joints)[1]
-    squeeze = squeeze_of(joints, forces).double()
-    led = solve_fingertips(LEAP, fingertips(LEAP, joints) + squeeze, joints, iterations=20)
-    wanted = contact_torques(LEAP, joints, pads(LEAP, joints)[0], forces)
-    exerted = LEAP.motors[0].position_gain * (led - joints)
+    joints = torch.stack(joint_limits(hand)).mean(0)[None]
+    forces = 1.5 * pads(hand, joints)[1]
+    squeeze = squeeze_of(hand, joints, forces).double()
+    led = solve_fingertips(hand, fingertips(hand, joints) + squeeze, joints, iterations=20)
+    wanted = contact_torques(hand, joints, pads(hand, joints)[0], forces)
+    exerted = torch.tensor(hand.position_gains) * (led - joints)
     # Four joints serve a point: the motion that moves no tip is free. So compare the work along the squeeze.
     work = [(torque * (led - joints)).sum() for torque in (exerted, wanted)]
     torch.testing.assert_close(*work, rtol=0.1, atol=0)

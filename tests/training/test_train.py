@@ -9,6 +9,7 @@ import draccus
 import pytest
 
 from lerobot_dexflex.controller import DexFlexController
+from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.training.bank import BankConfig, ProposalBank
 from lerobot_dexflex.training.cli import main
@@ -151,6 +152,21 @@ def test_later_stages_go_on_from_a_controller(trained, corpus, tmp_path):
     }
     assert changed == {"ranker"}
     assert after.record["world_model"] == before.record["world_model"]
+
+
+def test_the_corpus_decides_the_hand_and_all_stages_serve_it(corpora, tmp_path):
+    assert main([f"--corpus={corpora['sharpa']}", f"--output={tmp_path}", *SMALL]) == 0
+    controller = DexFlexController.from_pretrained(tmp_path / "controller")
+    assert controller.config.hand == "sharpa"
+    assert controller.scale.scale.shape == (8, 5)
+    assert DiffusionPrior.load(tmp_path / "controller", controller.config).dynamics[-1].out_features == 22
+
+
+def test_a_controller_is_not_trained_on_with_the_corpus_of_another_hand(trained, corpora, tmp_path, capsys):
+    start = f"--init_from={trained / 'controller'}"
+    words = [f"--corpus={corpora['sharpa']}", f"--output={tmp_path}", start, "--stages=[score]", *SMALL]
+    assert main(words) == 1
+    assert re.search(r"was trained for 'leap', but the corpus in .* is of 'sharpa'", capsys.readouterr().err)
 
 
 def test_controllers_without_touch_are_trained_by_a_flag(corpus, tmp_path):

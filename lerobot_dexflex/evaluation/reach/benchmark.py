@@ -16,6 +16,7 @@ from lerobot_dexflex.evaluation.reach.bounds import ORACLE
 from lerobot_dexflex.evaluation.reach.chain_book import TEST_SEED, TUNING_SEED, ChainBook
 from lerobot_dexflex.evaluation.reach.episodes import COLUMNS, chain_digest, run_episodes
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.interfaces.method import Method, require_drafts
 from lerobot_dexflex.interfaces.protocol import Interface
 from lerobot_dexflex.runs.jobs import Job, run_missing, wanted
@@ -49,6 +50,8 @@ class Benchmark:
     """Episodes of oracles, the first ones: they take about a hundred times as long."""
     controller: str = ""
     """Folder or hub id of the trained controller; empty: the shipped one."""
+    hand: str = "leap"
+    """Name of the hand."""
     tuning: bool = False
     """Use the tuning objects, on which gains and settings may be chosen."""
     group: int = 100
@@ -57,6 +60,7 @@ class Benchmark:
     """Hands that are simulated side by side within a group."""
 
     def __post_init__(self) -> None:
+        get_hand(self.hand)
         for name in ("episodes", "oracle_episodes", "group", "batch"):
             if getattr(self, name) < 1:
                 raise DexFlexError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
@@ -83,7 +87,8 @@ class Benchmark:
         """Return the chains of a condition; all conditions of the same goals share theirs."""
         verified = Condition.parse(condition).verified
         kind = "verified" if verified else "unverified"
-        return ChainBook(self.chains / f"{kind}_{self.first_seed}.jsonl", self.first_seed, verified)
+        path = self.chains / f"{self.hand}_{kind}_{self.first_seed}.jsonl"
+        return ChainBook(get_hand(self.hand), path, self.first_seed, verified)
 
     def version(self, method: str) -> Version:
         """Return what decides the episodes of a method.
@@ -93,7 +98,8 @@ class Benchmark:
         """
         parsed = Method.parse(method)
         modules, weights = (*_RUN_BY, *parsed.modules), parsed.weights(self.controller)
-        return method_version(modules, weights, batch=self.batch, group=self.group, max_steps=MAX_STEPS)
+        settings = {"batch": self.batch, "group": self.group, "max_steps": MAX_STEPS, "hand": self.hand}
+        return method_version(modules, weights, **settings)
 
     def count(self, method: str) -> int:
         """Return the episodes of a method in each condition."""
@@ -114,7 +120,7 @@ class Benchmark:
     def run_job(self, job: Job) -> list[Row]:
         """Run the episodes of a job."""
         chains = _chains(self.book(job.condition), self.episodes)
-        interface = _interface(job.method, self.controller)
+        interface = _interface(self.hand, job.method, self.controller)
         return run_episodes([chains[seed] for seed in job.seeds], job.condition, interface, self.batch)
 
 
@@ -181,6 +187,6 @@ def _chains(book: ChainBook, count: int) -> dict[int, Chain]:
 
 
 @functools.cache
-def _interface(method: str, controller: str) -> Interface:
+def _interface(hand: str, method: str, controller: str) -> Interface:
     torch.set_num_threads(1)
-    return Method.parse(method).make(controller)
+    return Method.parse(method).make(get_hand(hand), controller)

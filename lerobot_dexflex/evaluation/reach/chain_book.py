@@ -15,11 +15,12 @@ from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.privileged import OperatorInterface
 from lerobot_dexflex.experts.reach.chains import MAX_STEPS, Chain, build_chain
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.runs.lock import locked
 from lerobot_dexflex.runs.workers import run_each
 
 TUNING_SEED, TEST_SEED = 50_000, 100_000
-Build = Callable[[int, bool], Chain | None]
+Build = Callable[[Hand, int, bool], Chain | None]
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,13 @@ class ChainBook:
     Episode k is the chain of the k-th seed, counted from `first_seed`, that has one.
 
     Args:
+        hand: The hand that holds the objects.
         path: The file, JSON lines; created when something is built.
         first_seed: The first seed.
         verified: Whether goals are verified by the operator.
     """
 
+    hand: Hand
     path: Path
     first_seed: int
     verified: bool = False
@@ -45,7 +48,7 @@ class ChainBook:
             count: How many are needed.
             workers: Worker processes; 0 builds in this process.
             quiet: Show no progress bar.
-            build: Builds the chain of a seed, or finds none; `build_in_simulator` if None.
+            build: Builds the chain of a hand and seed, or finds none; `build_in_simulator` if None.
 
         Raises:
             DexFlexError: If chains are missing and another process builds some in the same folder.
@@ -57,7 +60,7 @@ class ChainBook:
     def _build(self, count: int, workers: int, quiet: bool, build: Build) -> None:
         known = self._read()
         _end_last_line(self.path)
-        job = functools.partial(_build_line, self.path, self.verified, build)
+        job = functools.partial(_build_line, self.path, functools.partial(build, self.hand), self.verified)
         waiting = self.first_seed
         started: set[int] = set()
 
@@ -117,24 +120,24 @@ class ChainBook:
         return known
 
 
-def build_in_simulator(seed: int, verified: bool) -> Chain | None:
+def build_in_simulator(hand: Hand, seed: int, verified: bool) -> Chain | None:
     """Return the chain of a seed with the operator's own steps, or None if there are no eight goals."""
-    chain = build_chain(_environment(), seed, verified)
-    return None if chain is None else replace(chain, steps=operator_steps(chain))
+    chain = build_chain(_environment(hand), seed, verified)
+    return None if chain is None else replace(chain, steps=operator_steps(hand, chain))
 
 
-def operator_steps(chain: Chain) -> int:
+def operator_steps(hand: Hand, chain: Chain) -> int:
     """Return how many control steps the operator takes with its own joint targets, by the loop's rules.
 
     `MAX_STEPS` if it drops the object.
     """
-    (episode,) = run_chains([chain], NO_ERRORS, OperatorInterface())
+    (episode,) = run_chains(hand, [chain], NO_ERRORS, OperatorInterface(hand))
     return MAX_STEPS if episode.dropped else episode.steps
 
 
 @functools.cache
-def _environment() -> ReachEnv:
-    return ReachEnv(cameras=())
+def _environment(hand: Hand) -> ReachEnv:
+    return ReachEnv(cameras=(), hand=hand)
 
 
 def _end_last_line(path: Path) -> None:
@@ -144,7 +147,9 @@ def _end_last_line(path: Path) -> None:
             file.write(b"\n")
 
 
-def _build_line(path: Path, verified: bool, build: Build, seed: int) -> tuple[int, Chain | None]:
+def _build_line(
+    path: Path, build: Callable[[int, bool], Chain | None], verified: bool, seed: int
+) -> tuple[int, Chain | None]:
     chain = build(seed, verified)
     line = json.dumps({"seed": seed, "chain": None if chain is None else chain.to_json()}) + "\n"
     path.parent.mkdir(parents=True, exist_ok=True)

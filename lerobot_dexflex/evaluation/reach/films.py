@@ -13,6 +13,7 @@ from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.report.film import Film, side_by_side
 from lerobot_dexflex.evaluation.report.rerun_log import RerunLog
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.method import Method
 
 
@@ -49,11 +50,12 @@ def choose_episode(rows: pd.DataFrame, condition: str, dropped_by: str, saved_by
 
 
 def show_episode(
-    chain: Chain, condition: str, methods: Sequence[str], folder: Path, controller: str = ""
+    hand: Hand, chain: Chain, condition: str, methods: Sequence[str], folder: Path, controller: str = ""
 ) -> Shown:
     """Run an episode under every method, alone, and lay the films side by side; also writes rerun recordings.
 
     Args:
+        hand: The hand that holds the object.
         chain: The episode's chain.
         condition: What goes wrong, and who commands.
         methods: Which methods.
@@ -65,10 +67,12 @@ def show_episode(
     for name in methods:
         stem = f"{condition}_{chain.seed}_{name.replace(':', '_')}"
         clips.append(folder / "videos" / f"{stem}.mp4")
-        interface = _Observed(Method.parse(name).make(controller))
+        interface = _Observed(Method.parse(name).make(hand, controller))
         log = RerunLog(folder / "rerun" / f"{stem}.rrd", name, chain.seed)
         watcher = _Watcher(interface, Film(clips[-1]), log)
-        (episodes[name],) = run_chains([chain], parsed.errors, interface, source=parsed.source, watch=watcher)
+        (episodes[name],) = run_chains(
+            hand, [chain], parsed.errors, interface, source=parsed.source, watch=watcher
+        )
         watcher.close(_ending(name, episodes[name]))
     path = folder / "videos" / f"{condition}_{chain.seed}_side_by_side.mp4"
     side_by_side(clips, path)

@@ -23,7 +23,7 @@ averaged in each."""
 
 
 class Metrics(NamedTuple):
-    """Numbers of one episode; u* = clean motion, ũ = draft, û = selected, each (steps, 4, 3) [m]."""
+    """Numbers of one episode; u* = clean motion, ũ = draft, û = selected, each (steps, fingers, 3) [m]."""
 
     duration: float
     """Share of the time limit until the object was dropped; 1 if it never was."""
@@ -58,11 +58,11 @@ def relative_error(first: Array, second: Array, fingers: NDArray[np.bool_] | Non
     """Return ||first - second|| / (||second|| + EPSILON) per step, over the fingertips. Shape (T,).
 
     Args:
-        first: Motions [m]. Shape (T, 4, 3).
-        second: What they are compared with [m]. Shape (T, 4, 3).
-        fingers: Which fingertips count; all if None. Shape (T, 4).
+        first: Motions [m]. Shape (T, fingers, 3).
+        second: What they are compared with [m]. Shape (T, fingers, 3).
+        fingers: Which fingertips count; all if None. Shape (T, fingers).
     """
-    counted = np.ones((len(first), 4, 1)) if fingers is None else fingers[..., None]
+    counted = np.ones((*first.shape[:2], 1)) if fingers is None else fingers[..., None]
     size = np.linalg.norm((second * counted).reshape(len(second), -1), axis=1)
     return np.linalg.norm(((first - second) * counted).reshape(len(first), -1), axis=1) / (size + EPSILON)
 
@@ -115,7 +115,7 @@ def contact_retention(loads: Array, dropped: bool, horizon: int = DRAFT_HORIZON)
     """Return the share of loaded fingers that carry load `horizon` steps later; None if there are none.
 
     Args:
-        loads: Normal force of each fingertip before each step [N]. Shape (T, 4).
+        loads: Normal force of each fingertip before each step [N]. Shape (T, fingers).
         dropped: Whether the object was lost at the end; then no finger carries load afterwards. Otherwise the
             last `horizon` steps have no answer.
         horizon: How much later [control steps].

@@ -13,6 +13,7 @@ from lerobot_dexflex.controller import DexFlexController, SelectionSettings, Sta
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.trials import try_out
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 from lerobot_dexflex.interfaces.explanation import Choice
 from lerobot_dexflex.interfaces.learned import Sensed, shared_controller
@@ -31,6 +32,7 @@ class OracleInterface(DexFlexInterface):
     same grip.
 
     Args:
+        hand: The hand that it serves.
         controller: Proposes the candidates and supplies the grip.
         reference: Near to what: the draft; or the operator's clean plan.
         moving: Steps of a chunk that are tried before holding still: 8 asks what the whole chunk would do,
@@ -45,6 +47,7 @@ class OracleInterface(DexFlexInterface):
 
     def __init__(
         self,
+        hand: Hand,
         controller: DexFlexController,
         reference: Reference = "draft",
         moving: int = DRAFT_HORIZON,
@@ -56,7 +59,7 @@ class OracleInterface(DexFlexInterface):
             raise DexFlexError(
                 f"`moving` must be a number of steps from 1 to {DRAFT_HORIZON}. Got {moving!r}."
             )
-        super().__init__(controller, settings or FEW)
+        super().__init__(hand, controller, settings or FEW)
         self._reference, self._moving = reference, moving
         self._slots: Sequence[Slot | None] = ()
 
@@ -73,7 +76,7 @@ class OracleInterface(DexFlexInterface):
         rows = len(chunks)
         best = torch.zeros(rows, dtype=torch.int64)
         cost, grasp = torch.zeros(2, rows), torch.zeros(2, rows)
-        lost = torch.zeros(2, rows, 4)
+        lost = torch.zeros(2, rows, self.hand.n_fingers)
         due = self._plan.age >= self.settings.prefix if self._plan is not None else None
         for k, slot in enumerate(self._slots):
             if slot is None or slot.guidance is None or (due is not None and not due[k]):
@@ -87,7 +90,7 @@ class OracleInterface(DexFlexInterface):
             shown = [int(best[k]), 0]  # The draft is the first candidate.
             for series, values in zip((cost, lost, grasp), tried, strict=True):
                 series[:, k] = torch.from_numpy(values[shown].astype(float))
-        slip = torch.zeros(rows, 4)
+        slip = torch.zeros(rows, self.hand.n_fingers)
         choice = Choice(
             candidates.branch[best], -cost[0], -cost[1], lost[0], lost[1], slip, slip, grasp[0], grasp[1]
         )
@@ -95,12 +98,14 @@ class OracleInterface(DexFlexInterface):
         return Plan(targets, choice, torch.zeros_like(best))
 
 
-def make_oracle(controller: str | Path, **options: Any) -> OracleInterface:
+def make_oracle(hand: Hand, controller: str | Path, **options: Any) -> OracleInterface:
     """Build the oracle from the words of a method's name.
 
     Args:
+        hand: The hand that it serves.
         controller: Folder of the controller that proposes.
         **options: `reference` and `moving` of `OracleInterface`, others of `SelectionSettings`.
     """
     tried = {key: options.pop(key) for key in ("reference", "moving") if key in options}
-    return OracleInterface(shared_controller(Path(controller)), settings=replace(FEW, **options), **tried)
+    settings = replace(FEW, **options)
+    return OracleInterface(hand, shared_controller(Path(controller)), settings=settings, **tried)

@@ -10,6 +10,7 @@ from lerobot_dexflex.evaluation.reach.benchmark import Benchmark
 from lerobot_dexflex.evaluation.reach.films import choose_episode, show_episode
 from lerobot_dexflex.evaluation.reach.summary import Summary, family
 from lerobot_dexflex.evaluation.report.html_parts import document, picture, table, video, write_page
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.table import Table
 
@@ -76,7 +77,9 @@ def _episode(benchmark: Benchmark, summary: Summary, condition: str) -> Iterable
     chains = benchmark.book(condition).load(benchmark.episodes)
     chain = next(chain for chain in chains if chain.seed == seed)
     methods = (rival, summary.reference)
-    shown = show_episode(chain, condition, methods, benchmark.output, benchmark.controller)
+    shown = show_episode(
+        get_hand(benchmark.hand), chain, condition, methods, benchmark.output, benchmark.controller
+    )
     yield "<h2>One episode</h2>"
     yield video(
         shown.film,

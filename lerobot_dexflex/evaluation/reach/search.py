@@ -25,6 +25,7 @@ from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.reach.chain_book import ChainBook
 from lerobot_dexflex.experts.reach.chains import Chain
+from lerobot_dexflex.hands import Hand, get_hand
 from lerobot_dexflex.interfaces.press import PressInterface, make_press
 from lerobot_dexflex.runs.jobs import Job, run_missing
 from lerobot_dexflex.runs.provenance import method_version
@@ -66,10 +67,10 @@ class Trial(NamedTuple):
     errors: tuple[CommandErrors, ...]
     """What goes wrong with the drafts, one for each chain."""
 
-    def make(self) -> PressInterface:
-        """Build the interface."""
+    def make(self, hand: Hand) -> PressInterface:
+        """Build the interface for a hand."""
         options: dict[str, Any] = {name: value for name, value in self.settings.items() if name != "gain"}
-        interface = make_press(**options | {name: bool(options[name]) for name in SWITCHES})
+        interface = make_press(hand, **options | {name: bool(options[name]) for name in SWITCHES})
         interface.gain = self.settings["gain"]
         return interface
 
@@ -82,16 +83,19 @@ class Search:
         output: Folder of the table, which a later call continues.
         chains: Folder of goal chains, built where missing.
         n_chains: Starts that the trials draw from.
+        hand: Name of the hand.
     """
 
     output: Path
     chains: Path
     n_chains: int = 250
+    hand: str = "leap"
 
     @property
     def book(self) -> ChainBook:
         """The chains."""
-        return ChainBook(self.chains / f"unverified_{TRAINING_SEED}.jsonl", TRAINING_SEED)
+        path = self.chains / f"{self.hand}_unverified_{TRAINING_SEED}.jsonl"
+        return ChainBook(get_hand(self.hand), path, TRAINING_SEED)
 
     def jobs(self, trials: int, version: str) -> list[Job]:
         """Return the first trials as jobs, each a condition of its own; the chains must have been built."""
@@ -103,12 +107,12 @@ class Search:
 
     def run_job(self, job: Job) -> list[Row]:
         """Run a batch of episodes with the settings of a trial."""
-        chains = _chains(self)
+        hand, chains = get_hand(self.hand), _chains(self)
         number = int(job.condition.removeprefix(_TRIAL))
         trial = draw_trial(number, list(chains))
         chosen = [chains[seed] for seed in trial.seeds]
         episodes = run_chains(
-            chosen, trial.errors, trial.make(), source=trial.source, seed=number, batch=BATCH
+            hand, chosen, trial.errors, trial.make(hand), source=trial.source, seed=number, batch=BATCH
         )
         return [
             {
@@ -150,7 +154,10 @@ def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -
         DexFlexError: If another process works in a folder.
     """
     version = method_version(
-        (__name__, PressInterface.__module__, TASKS[TASK].module), batch=BATCH, n_chains=search.n_chains
+        (__name__, PressInterface.__module__, TASKS[TASK].module),
+        batch=BATCH,
+        n_chains=search.n_chains,
+        hand=search.hand,
     )
     search.book.ensure(search.n_chains, workers, quiet)
     jobs = search.jobs(trials, version.name)

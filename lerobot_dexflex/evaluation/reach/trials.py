@@ -11,7 +11,6 @@ from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts.reach.sensing import HandState
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
-from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 LOST_GRASP, LOST_FINGER = 1000.0, 40.0
@@ -25,7 +24,7 @@ class Outcomes(NamedTuple):
     cost: Array
     """Squared distance and losses, see `LOST_GRASP`. Shape (N,)."""
     lost: NDArray[np.bool_]
-    """Fingers that carried load and do not any more. Shape (N, 4)."""
+    """Fingers that carried load and do not any more. Shape (N, fingers)."""
     grasp_lost: NDArray[np.bool_]
     """Whether fewer than two fingers carried load at some step, though two did at first. Shape (N,)."""
 
@@ -42,21 +41,22 @@ def try_out(
     Args:
         slot: A running episode.
         chunks: Where the fingertips should be after 1, 2, ... steps, relative to where they are now [m].
-            Shape (N, H, 4, 3).
-        wanted: What they are compared with [m]. Shape (H, 4, 3).
-        grip: Given the state, the contact forces at the pads [N] (4, 3); asked at every step.
+            Shape (N, H, fingers, 3).
+        wanted: What they are compared with [m]. Shape (H, fingers, 3).
+        grip: Given the state, the contact forces at the pads [N] (fingers, 3); asked at every step.
         moving: Steps of both after which they stand still.
     """
     last = np.minimum(np.arange(len(wanted)), moving - 1)
     env, snapshot, loaded = slot.held.env, slot.held.env.snapshot(), slot.state.loads > CONTACT_FORCE
+    hand = env.hand
     found = []
     for chunk in chunks:
         env.restore(snapshot)
-        state, least, posture = slot.state, 4, slot.state.joints
+        state, least, posture = slot.state, hand.n_fingers, slot.state.joints
         for offset in chunk[last]:
-            posture = kernels.solve_fingertips(LEAP.tables, slot.state.tips + offset, posture)
-            centres = kernels.pads(LEAP.tables, state.joints)[0]
-            joints = gripping_joints(LEAP, posture, state.joints, centres, grip(state))
+            posture = kernels.solve_fingertips(hand.tables, slot.state.tips + offset, posture)
+            centres = kernels.pads(hand.tables, state.joints)[0]
+            joints = gripping_joints(hand, posture, state.joints, centres, grip(state))
             state = slot.held.execute(joints)
             least = min(least, int((state.loads > CONTACT_FORCE).sum()))
         lost, grasp_lost = loaded & (state.loads <= CONTACT_FORCE), least < min(2, int(loaded.sum()))

@@ -103,7 +103,7 @@ class HeldObject:
             self.operator.try_gait()
 
     def execute(self, joints: Array) -> HandState:
-        """Execute joint targets [rad] (16,) for one control step, return the state after it."""
+        """Execute joint targets [rad] (joints,) for one control step, return the state after it."""
         self.env.advance(joints)
         return self.senses.read()
 
@@ -211,7 +211,7 @@ def _attempt(held: HeldObject, goal: Goal, index: int, noise: float) -> int:
     for step in range(1, _VERIFY_STEPS + 1):
         joints = held.operator.guide(state).joints
         if noise:
-            joints = joints + rng.uniform(-10 * noise, 10 * noise, 16)
+            joints = joints + rng.uniform(-10 * noise, 10 * noise, len(joints))
         state = held.execute(joints)
         loose = 0 if (state.loads > CONTACT_FORCE).sum() >= 2 else loose + 1
         if loose >= _LOST_STEPS or np.linalg.norm(state.position - held.home) > _LOST_DISTANCE:

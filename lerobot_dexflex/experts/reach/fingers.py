@@ -27,25 +27,29 @@ class FingerStates:
     """Everything the operator remembers; deep copies are snapshots."""
 
     mode: NDArray[np.int64]
-    """`Mode` of each finger. Shape (4,)."""
+    """`Mode` of each finger. Shape (fingers,)."""
     anchor: Array
-    """Where holding tips are, in the object's frame [m]. Shape (4, 3)."""
+    """Where holding tips are, in the object's frame [m]. Shape (fingers, 3)."""
     inward: Array
-    """Contact normals into the object, in its frame. Shape (4, 3)."""
+    """Contact normals into the object, in its frame. Shape (fingers, 3)."""
     joints: Array
-    """Posture of the first grasp [rad]. Shape (16,)."""
+    """Posture of the first grasp [rad]. Shape (joints,)."""
     park: Array
-    """Where parked tips stay [m]. Shape (4, 3)."""
-    timer: NDArray[np.int64] = field(default_factory=lambda: np.zeros(4, np.int64))
+    """Where parked tips stay [m]. Shape (fingers, 3)."""
+    timer: NDArray[np.int64] = field(init=False)
     """Steps in the current mode; for a holding finger, steps without load."""
-    next_anchor: Array = field(default_factory=lambda: np.zeros((4, 3)))
-    next_inward: Array = field(default_factory=lambda: np.zeros((4, 3)))
-    free: Array = field(default_factory=lambda: np.zeros((4, 3)))
-    """Where lifted tips have got to, in the object's frame [m]. Shape (4, 3)."""
+    next_anchor: Array = field(init=False)
+    next_inward: Array = field(init=False)
+    free: Array = field(init=False)
+    """Where lifted tips have got to, in the object's frame [m]. Shape (fingers, 3)."""
     forces: Array | None = None
-    """Smoothed forces, wanted and executed [N], (2, 4, 3); None before the first step."""
+    """Smoothed forces, wanted and executed [N], (2, fingers, 3); None before the first step."""
     reference: tuple[Array, Array] | None = None
     """Pose that leads the object to the goal; None begins at the object's."""
+
+    def __post_init__(self) -> None:
+        self.timer = np.zeros(self.mode.shape, np.int64)
+        self.next_anchor, self.next_inward, self.free = (np.zeros(self.anchor.shape) for _ in range(3))
 
 
 class Holder(Protocol):

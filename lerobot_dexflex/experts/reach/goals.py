@@ -13,7 +13,6 @@ from lerobot_dexflex.experts.reach.sensing import HandState
 from lerobot_dexflex.hand.grasp import OBJECT
 from lerobot_dexflex.hand.kinematics import fingertips, solve_fingertips
 from lerobot_dexflex.hand.poses import pose_error, quaternion_matrix, quaternion_of, quaternion_product
-from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]
@@ -64,11 +63,11 @@ class GoalDraws:
     """
 
     def __init__(self, operator: Operator, home: Array) -> None:
-        self._operator, self._home = operator, home
+        self._operator, self._home, self._hand = operator, home, operator.senses.hand
         self._model = operator.senses.env.model
         self._data = mujoco.MjData(self._model)
         self._object = self._model.body(OBJECT).id
-        self._distal = [self._model.body(name).id for name in LEAP.distal_links]
+        self._distal = [self._model.body(name).id for name in self._hand.distal_links]
 
     def draw(
         self,
@@ -111,17 +110,19 @@ class GoalDraws:
         return Draw(best, bool(least < _MAX_ERROR))
 
     def _reach(self, now: HandState, goals: list[Pose]) -> tuple[Array, Array]:
-        """Return postures at goals [rad] (goals, 16) and what they miss [m] (goals,)."""
-        fingers = self._operator.fingers
+        """Return postures at goals [rad] (goals, joints) and what they miss [m] (goals,)."""
+        hand, fingers = self._hand, self._operator.fingers
         holding = fingers.mode == Mode.HOLD
         targets = np.stack([p + fingers.anchor @ quaternion_matrix(q).T for p, q in goals])
         targets[:, ~holding] = now.tips[~holding]
         wanted = torch.from_numpy(targets)
         start = torch.from_numpy(np.tile(now.joints, (len(goals), 1)))
-        joints = solve_fingertips(LEAP, wanted, start, posture_weight=0.004, iterations=8)
-        error = (wanted - fingertips(LEAP, joints)).norm(dim=-1).numpy()[:, holding].max(1, initial=0.0)
-        solved, used = joints.numpy(), holding[LEAP.finger_of_joint]
-        margin = np.minimum(solved - LEAP.joint_lower, LEAP.joint_upper - solved)[:, used]
+        joints = solve_fingertips(hand, wanted, start, posture_weight=0.004, iterations=8)
+        error = (wanted - fingertips(hand, joints)).norm(dim=-1).numpy()[:, holding].max(1, initial=0.0)
+        solved, used = joints.numpy(), holding[hand.finger_of_joint]
+        # A range that begins at zero ends at a stop, against which a straight finger rests.
+        above = np.where(hand.joint_lower == 0.0, np.inf, solved - hand.joint_lower)
+        margin = np.minimum(above, hand.joint_upper - solved)[:, used]
         short = np.maximum(0.0, _MARGIN - margin.min(1, initial=_MARGIN))
         return joints.numpy(), error + 0.05 * short
 

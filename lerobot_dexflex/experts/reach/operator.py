@@ -24,7 +24,6 @@ from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE, gripping_joints
 from lerobot_dexflex.hand.grasp_candidates import GRAVITY
 from lerobot_dexflex.hand.poses import quaternion_matrix, quaternion_of, quaternion_product, rotation_between
-from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
@@ -38,7 +37,6 @@ LEAST_FORCE = 0.8
 """Smallest normal force of a finger that holds [N]."""
 FRICTION_SHARE = 0.9
 """Share of the friction that the force balance uses."""
-_LOWER, _UPPER = LEAP.joint_lower, LEAP.joint_upper
 _EAGERNESS = 0.15
 """Share of the way to the goal that the reference walks per step where that is slower."""
 _PULL, _LARGEST_PULL = (100.0, 0.25), (2.0, 0.05)
@@ -60,15 +58,15 @@ class Guidance(NamedTuple):
     """What the operator says in a control step; palm frame."""
 
     tips: Array
-    """Where the fingertips should be after 1, 2, ... 8 control steps [m]. Shape (8, 4, 3)."""
+    """Where the fingertips should be after 1, 2, ... 8 control steps [m]. Shape (8, fingers, 3)."""
     forces: Array
-    """Forces of the fingers on the object [N], with the margin that it takes for right. Shape (4, 3)."""
+    """Forces of the fingers on the object [N], with the margin that it takes for right. (fingers, 3)."""
     grip: Array
-    """The forces that `joints` exert: as strong as this operator grips. Shape (4, 3)."""
+    """The forces that `joints` exert: as strong as this operator grips. Shape (fingers, 3)."""
     points: Array
-    """Where they act [m]. Shape (4, 3)."""
+    """Where they act [m]. Shape (fingers, 3)."""
     joints: Array
-    """Joint targets that do both [rad]. Shape (16,)."""
+    """Joint targets that do both [rad]. Shape (joints,)."""
 
 
 class OperatorState(NamedTuple):
@@ -91,7 +89,7 @@ class Operator:
     """
 
     def __init__(self, senses: ObjectSenses, rng: np.random.Generator, strength: float = 1.0) -> None:
-        self.senses, self._rng = senses, rng
+        self.senses, self.hand, self._rng = senses, senses.hand, rng
         self.speed, self.ahead, self.preload, self.strength = SPEED, LEAD, PRELOAD, strength
         self.friction_share = FRICTION_SHARE
         self.load: Array = np.zeros(6)
@@ -157,13 +155,14 @@ class Operator:
         forces, grip = self._forces(now, points, carrying)
         joints, motion = self._first_step(now, points, carrying)
         tips = self._ahead(now, points, carrying, motion)
-        return Guidance(tips, forces, grip, points, gripping_joints(LEAP, joints, now.joints, points, grip))
+        joints = gripping_joints(self.hand, joints, now.joints, points, grip)
+        return Guidance(tips, forces, grip, points, joints)
 
     def expect(self, inward: Array, now: HandState) -> None:
         """Take idle fingers for holding where they will touch, along contact normals in the palm frame.
 
         Args:
-            inward: Unit normals into the object; zero for fingers that stay idle. Shape (4, 3).
+            inward: Unit normals into the object; zero for fingers that stay idle. Shape (fingers, 3).
             now: The state.
         """
         fingers = self.fingers
@@ -183,13 +182,13 @@ class Operator:
     def try_gait(self) -> bool:
         """Send a finger to a better place, the idle one if there is one; say whether one goes.
 
-        The other three must be able to hold the object.
+        The others must be able to hold the object.
         """
         now = self.senses.read()
         loaded = now.loads > 2 * CONTACT_FORCE
         if self.gaiting or loaded.sum() < 3:
             return False
-        for finger in self._rng.permutation(4) if loaded.all() else np.flatnonzero(~loaded):
+        for finger in self._rng.permutation(len(loaded)) if loaded.all() else np.flatnonzero(~loaded):
             found = regrasp_points(self, now, int(finger), self.surface, self._rng, firm=True)
             if found:
                 self.regrasp(int(finger), *found[0], now)
@@ -225,7 +224,7 @@ class Operator:
         """Follow rolling contacts; adopt parked and placed fingers that touch."""
         fingers = self.fingers
         tips, inward = (now.tips - now.position) @ now.rotation, now.inward @ now.rotation
-        for k in range(4):
+        for k in range(self.hand.n_fingers):
             load = now.loads[k]
             found = fingers.mode[k] == Mode.PARKED and load > 2 * CONTACT_FORCE
             placed = fingers.mode[k] == Mode.PLACE and load > 3 * CONTACT_FORCE
@@ -243,7 +242,7 @@ class Operator:
                 fingers.timer[k] += 1
 
     def _carrying(self) -> NDArray[np.bool_]:
-        """Return which fingers take part in the force balance. Shape (4,)."""
+        """Return which fingers take part in the force balance. Shape (fingers,)."""
         return (self.fingers.mode == Mode.HOLD) & (self.fingers.timer < _LOST_AFTER)
 
     def _way(self, now: HandState) -> tuple[Array, Array]:
@@ -275,9 +274,9 @@ class Operator:
         return float((now.loads > CONTACT_FORCE).sum() >= 2)
 
     def _forces(self, now: HandState, points: Array, carrying: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return the smoothed forces [N] (4, 3) that the fingers should exert, and those it lets them."""
+        """Return the smoothed forces [N] (fingers, 3) that fingers should exert, and those it lets them."""
         fingers, senses = self.fingers, self.senses
-        wanted = np.zeros((2, 4, 3))
+        wanted = np.zeros((2, *points.shape))
         holding = np.flatnonzero(carrying)
         if len(holding):
             way, turn = self._way(now)
@@ -308,32 +307,32 @@ class Operator:
         return right.copy(), executed.copy()
 
     def _first_step(self, now: HandState, points: Array, carrying: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return the joints after this step [rad] (16,) and the motion of the tips to there [m] (4, 3)."""
+        """Return the joints after this step [rad] (joints,) and how tips move to there [m] (fingers, 3)."""
         fingers = self.fingers
         moved, turned = self._ahead_of(now)
         follow_paths(fingers, now)
-        asked = np.zeros((4, 3))
-        for k in range(4):
+        asked = np.zeros(points.shape)
+        for k in range(self.hand.n_fingers):
             if carrying[k]:
                 asked[k] = moved + np.cross(turned, points[k] - now.position)
             else:
                 place, speed = destination(fingers, now, k)
                 asked[k] = shortened(place - now.tips[k], speed)
         joints = self._solve(now.joints, points, asked, carrying)
-        return joints, kernels.fingertips(LEAP.tables, joints) - now.tips
+        return joints, kernels.fingertips(self.hand.tables, joints) - now.tips
 
     def _solve(self, joints: Array, points: Array, asked: Array, carrying: NDArray[np.bool_]) -> Array:
-        """Return joints [rad] (16,) that move contact points, or the tips of free fingers, as asked [m]."""
-        origins, axes, _ = kernels.frames(LEAP.tables, joints)
+        """Return joints [rad] (joints,) that move contact points, or free fingers' tips, as asked [m]."""
+        origins, axes, _ = kernels.frames(self.hand.tables, joints)
         solved = joints.copy()
-        for k in range(4):
-            part = slice(4 * k, 4 * k + 4)
-            jacobian = np.cross(axes[k], points[k] - origins[k])  # (4 joints, 3)
-            weight = _POSTURE_WEIGHT**2
+        weight = _POSTURE_WEIGHT**2
+        for k, part in enumerate(self.hand.finger_joints):
+            n = part.stop - part.start
+            jacobian = np.cross(axes[k, :n], points[k] - origins[k, :n])  # (joints of the finger, 3)
             pull = _HOME * weight * (self.fingers.joints[part] - joints[part]) if carrying[k] else 0.0
-            step = np.linalg.solve(jacobian @ jacobian.T + weight * np.eye(4), jacobian @ asked[k] + pull)
+            step = np.linalg.solve(jacobian @ jacobian.T + weight * np.eye(n), jacobian @ asked[k] + pull)
             solved[part] += step
-        return np.clip(solved, _LOWER, _UPPER)
+        return np.clip(solved, self.hand.joint_lower, self.hand.joint_upper)
 
     def _ahead(
         self,
@@ -342,13 +341,13 @@ class Operator:
         carrying: NDArray[np.bool_],
         motion: Array,
     ) -> Array:
-        """Return where the tips should be over the next steps [m], (8, 4, 3), if all goes as planned."""
-        fingers, pace = self.fingers, self._pace(now)
-        tips = np.empty((DRAFT_HORIZON, 4, 3))
-        paths = {int(k): (fingers.free[k], int(fingers.mode[k]), int(fingers.timer[k])) for k in range(4)}
+        """Return where tips should be over the next steps [m], (8, fingers, 3), if all goes as planned."""
+        fingers, pace, n = self.fingers, self._pace(now), self.hand.n_fingers
+        tips = np.empty((DRAFT_HORIZON, n, 3))
+        paths = {k: (fingers.free[k], int(fingers.mode[k]), int(fingers.timer[k])) for k in range(n)}
         offset, turned = self._ahead_of(now)
         way, turn = self._way(now)
-        first = np.zeros((4, 3))
+        first = np.zeros((n, 3))
         for step in range(DRAFT_HORIZON):
             if step:
                 offset = offset + shortened(way - offset, pace * self.speed[0])
@@ -358,7 +357,7 @@ class Operator:
             if step == 0:
                 first = carried
             position, whole = now.position + offset, rotation @ now.rotation
-            for k in range(4):
+            for k in range(n):
                 if carrying[k]:  # The tip goes with its contact; its first step is known exactly.
                     tips[step, k] = now.tips[k] + motion[k] + carried[k] - first[k]
                 elif fingers.mode[k] > 0:

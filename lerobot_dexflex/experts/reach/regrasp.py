@@ -11,13 +11,13 @@ from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import solve_pads
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.poses import quaternion_matrix
-from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 
-_NOMINAL = np.array(LEAP.nominal_joints)
 _POINTS = 40
-_MAX_DISTANCE, _MIN_ALIGNMENT, _MIN_SPACING = 0.004, 0.6, 0.024
+_MAX_DISTANCE, _MIN_ALIGNMENT = 0.004, 0.6
+_NEARER = 0.001
+"""By so much less than grasps are sought with may a finger be away from the others [m]."""
 _MAX_RESIDUAL, _FIRM_RESIDUAL, _FIRM_LOAD = 0.5, 0.15, 0.2
 _FRICTION_SHARE = 0.5
 
@@ -42,33 +42,34 @@ def regrasp_points(
         firm: Whether the other fingers must hold the object well without this one.
         limit: How many to return.
     """
-    fingers = holder.fingers
-    others = np.array([k for k in range(4) if k != finger and fingers.mode[k] == Mode.HOLD], int)
+    hand, fingers = holder.senses.hand, holder.fingers
+    others = np.array([k for k in range(hand.n_fingers) if k != finger and fingers.mode[k] == Mode.HOLD], int)
     if len(others) < 2 or (firm and not _holds(holder, now, others)):
         return []
     points, normals = surface
     goal, goal_quaternion = holder.goal
     rotation = quaternion_matrix(goal_quaternion)
     at_goal, at_now = points @ rotation.T + goal, points @ now.rotation.T + now.position
-    home = kernels.fingertips(LEAP.tables, _NOMINAL)[finger]
+    home = kernels.fingertips(hand.tables, np.array(hand.nominal_joints))[finger]
     cost = np.linalg.norm(at_goal - home, axis=1) + 0.5 * np.linalg.norm(at_now - now.tips[finger], axis=1)
     cost += 0.008 * np.abs(rng.normal(size=len(points)))
-    close = np.linalg.norm(at_now[:, None] - now.points[others], axis=-1).min(1) < _MIN_SPACING
+    apart = np.linalg.norm(at_now[:, None] - now.points[others], axis=-1).min(1)
+    close = apart < hand.pad_spacing - _NEARER
     order = np.argsort(cost + 10.0 * close)[:_POINTS]
     order = order[~close[order]]
     if not len(order):
         return []
-    shape = (len(order), 4, 3)
-    joints = np.broadcast_to(now.joints, (len(order), 16)).copy()
+    shape = (len(order), hand.n_fingers, 3)
+    joints = np.broadcast_to(now.joints, (len(order), hand.n_joints)).copy()
     solution = solve_pads(
-        LEAP,
+        hand,
         torch.from_numpy(np.broadcast_to(at_now[order][:, None], shape).copy()),
         torch.from_numpy(np.broadcast_to((normals[order] @ now.rotation.T)[:, None], shape).copy()),
         torch.from_numpy(joints),
         iterations=8,
     )
     fits = (solution.distance[:, finger] < _MAX_DISTANCE) & (solution.alignment[:, finger] > _MIN_ALIGNMENT)
-    tips = fingertips(LEAP, solution.joints)[:, finger].numpy()
+    tips = fingertips(hand, solution.joints)[:, finger].numpy()
     found = []
     for k in np.flatnonzero(fits.numpy()):
         point, inward = at_now[order[k]], -now.rotation @ normals[order[k]]

@@ -10,7 +10,7 @@ from lerobot_dexflex.envs.reach import ReachEnv
 from lerobot_dexflex.hand.grasp import OBJECT
 from lerobot_dexflex.hand.poses import quaternion_matrix
 from lerobot_dexflex.hand.surfaces import surface_samples
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 
 Array = NDArray[np.float64]
 
@@ -27,20 +27,22 @@ class HandState(NamedTuple):
     centre: Array
     """Centre of mass of the object [m]. Shape (3,)."""
     tips: Array
-    """Measured fingertips [m]. Shape (4, 3)."""
+    """Measured fingertips [m]. Shape (fingers, 3)."""
     joints: Array
-    """Measured hand joints [rad]. Shape (16,)."""
+    """Measured hand joints [rad]. Shape (joints,)."""
     loads: Array
-    """Normal force of each fingertip on the object [N]. Shape (4,)."""
+    """Normal force of each fingertip on the object [N]. Shape (fingers,)."""
     points: Array
-    """Load-weighted contact points [m]; the fingertip where nothing is touched. Shape (4, 3)."""
+    """Load-weighted contact points [m]; the fingertip where nothing is touched. Shape (fingers, 3)."""
     inward: Array
-    """Unit contact normals into the object; zero where nothing is touched. Shape (4, 3)."""
+    """Unit contact normals into the object; zero where nothing is touched. Shape (fingers, 3)."""
 
 
 class ObjectSenses(Protocol):
     """What the operator must know of a task: of `Reach-v0` (`Senses`) or with a tool (`ToolSenses`)."""
 
+    hand: Hand
+    """Of the task."""
     env: Any
     """The running environment, unwrapped."""
     mass: float
@@ -66,22 +68,25 @@ class FingerContacts:
     """Adds up what the fingertips do to a body, in the world frame.
 
     Args:
+        hand: Whose fingertips.
         model: Of the running task.
         body: Number of the body.
     """
 
-    def __init__(self, model: mujoco.MjModel, body: int) -> None:
+    def __init__(self, hand: Hand, model: mujoco.MjModel, body: int) -> None:
+        self._fingers = hand.n_fingers
         self._model, self._body = model, body
         self._finger = np.full(model.nbody, -1)
-        for k, name in enumerate(LEAP.distal_links):
+        for k, name in enumerate(hand.distal_links):
             self._finger[model.body(name).id] = k
 
     def sums(self, data: mujoco.MjData) -> tuple[Array, Array, Array]:
-        """Return normal forces [N] (4,), and contact points [m] and normals weighted by them, each (4, 3).
+        """Return normal forces [N] (fingers,), and contact points [m] and normals weighted by them.
 
-        Normals are unit vectors into the body.
+        Points and normals have shape (fingers, 3); normals are unit vectors into the body.
         """
-        loads, weighted, inward = np.zeros(4), np.zeros((4, 3)), np.zeros((4, 3))
+        loads = np.zeros(self._fingers)
+        weighted, inward = np.zeros((self._fingers, 3)), np.zeros((self._fingers, 3))
         contact = data.contact
         bodies = self._model.geom_bodyid[contact.geom]  # (contacts, 2)
         for k in np.flatnonzero((bodies == self._body).any(1) & (contact.efc_address >= 0)):
@@ -100,13 +105,13 @@ class Senses:
     """Read one environment; make a new one after each reset, which builds another model."""
 
     def __init__(self, env: ReachEnv) -> None:
-        self.env = env
+        self.env, self.hand = env, env.hand
         model = env.model
         self.mass = float(model.body(OBJECT).mass[0])
         self.friction = env.episode.object_spec.friction
         self._object = model.body(OBJECT).id
-        self._contacts = FingerContacts(model, self._object)
-        self._tips = [model.site(f"{finger}_tip").id for finger in LEAP.prefixes]
+        self._contacts = FingerContacts(self.hand, model, self._object)
+        self._tips = [model.site(f"{finger}_tip").id for finger in self.hand.prefixes]
 
     @property
     def gravity(self) -> Array:
@@ -120,7 +125,8 @@ class Senses:
     def read(self) -> HandState:
         """Read the state; valid after `mj_forward`."""
         data = self.env.data
-        position, quaternion = data.qpos[16:19].copy(), data.qpos[19:23].copy()
+        joints, pose = np.split(data.qpos[: self.hand.n_joints + 7], [self.hand.n_joints])
+        position, quaternion = pose[:3].copy(), pose[3:].copy()
         tips = data.site_xpos[self._tips]
         loads, weighted, inward = self._contacts.sums(data)
         points = tips.copy()
@@ -133,7 +139,7 @@ class Senses:
             quaternion_matrix(quaternion),
             data.xipos[self._object].copy(),
             tips,
-            data.qpos[:16].copy(),
+            joints.copy(),
             loads,
             points,
             inward,

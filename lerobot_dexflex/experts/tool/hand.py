@@ -13,7 +13,6 @@ from lerobot_dexflex.experts.tool.senses import ToolSenses
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
 from lerobot_dexflex.hand.poses import pose_error
-from lerobot_dexflex.hands import LEAP
 
 Array = NDArray[np.float64]
 MARGIN = (1.3, 2.5)
@@ -31,25 +30,29 @@ class OperatorHand:
 
     Args:
         senses: Of the running task.
-        joints: Joint command at the start [rad]. Shape (16,).
+        joints: Joint command at the start, arm then hand [rad]. Shape (arm + hand,).
         rng: Source of randomness, for regrasps only.
         margin: By how much more than needed it grips.
+        frame: Axes of the working frame in the palm frame, see `holds`. Shape (3, 3).
     """
 
-    def __init__(self, senses: ToolSenses, joints: Array, rng: np.random.Generator, margin: float) -> None:
-        self.senses, self._rng, self._margin = senses, rng, margin
+    def __init__(
+        self, senses: ToolSenses, joints: Array, rng: np.random.Generator, margin: float, frame: Array
+    ) -> None:
+        self.senses, self._rng, self._margin, self.frame = senses, rng, margin, frame
+        self._hand, joints = senses.hand, joints[-senses.hand.n_joints :]
         self._path = np.array(joints, float)[None]
         self.operator: Operator | None = None
 
     def go(self, target: Array, steps: int) -> None:
-        """Send free fingers to joint positions [rad] (16,), smoothly, in so many steps."""
+        """Send free fingers to joint positions [rad] (joints,), smoothly, in so many steps."""
         phases = np.array([min_jerk(k / steps) for k in range(1, steps + 1)])[:, None]
         here = self._path[:1]
         self._path = np.concatenate([here, here + phases * (target - here)])
 
     def relax(self, steps: int, after: int = 0) -> None:
         """Let the fingers go back to rest in so many steps, after keeping still for some."""
-        self.go(np.array(LEAP.relaxed_joints), steps)
+        self.go(np.array(self._hand.relaxed_joints), steps)
         self._path = np.concatenate([np.repeat(self._path[:1], after, 0), self._path])
 
     def grip(self, grip: Grip, preload: float | None = None, friction_share: float | None = None) -> None:
@@ -81,10 +84,11 @@ class OperatorHand:
         """Lead the gripped tool in the palm.
 
         Args:
-            position: Where its body is to be, palm frame [m]. Shape (3,).
+            position: Where its body is to be, working frame [m]. Shape (3,).
             rotation: How it is to be turned. Shape (3, 3).
         """
         assert self.operator is not None
+        position, rotation = self.frame @ position, self.frame @ rotation
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         self.operator.set_goal(position + rotation @ self.senses.tool.centre, quaternion)
@@ -99,10 +103,11 @@ class OperatorHand:
         """Expect a force on the gripped tool from outside, until told otherwise.
 
         Args:
-            force: In the palm frame [N]. Shape (3,).
+            force: In the working frame [N]. Shape (3,).
             point: Where it acts, in the frame of the tool's body [m]. Shape (3,).
         """
         assert self.operator is not None
+        force = self.frame @ force
         arm = self.senses.read().rotation @ (point - self.senses.tool.centre)
         self.operator.load[:3], self.operator.load[3:] = force, np.cross(arm, force)
 
@@ -136,11 +141,11 @@ class OperatorHand:
         return bool(((fingers.mode == Mode.HOLD) & (fingers.timer >= LOST_STEPS)).any())
 
     def step(self) -> tuple[Array, Array]:
-        """Return joint targets [rad] (16,) and the draft, palm frame [m] (8, 4, 3), of this control step."""
+        """Return joint targets [rad] (joints,) and the draft, palm frame [m] (8, fingers, 3), of now."""
         if self.operator is not None:
             guidance = self.operator.guide()
             return guidance.joints, guidance.tips
         path = self._path
         self._path = path[1:] if len(path) > 1 else path
         ahead = np.minimum(np.arange(DRAFT_HORIZON), len(self._path) - 1)
-        return self._path[0], kernels.fingertips(LEAP.tables, self._path[ahead])
+        return self._path[0], kernels.fingertips(self._hand.tables, self._path[ahead])

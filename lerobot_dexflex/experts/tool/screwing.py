@@ -7,55 +7,14 @@ import numpy as np
 
 from lerobot_dexflex.experts.command import Array, Command
 from lerobot_dexflex.experts.reach.operator import FRICTION_SHARE, LEAD
-from lerobot_dexflex.experts.tool.grip import Grip, Handle, grip_handle
+from lerobot_dexflex.experts.tool.grip import Grip, Handle
 from lerobot_dexflex.experts.tool.script import Pose, Script
 from lerobot_dexflex.hand.arm import rotation_matrix
 
-_IDLE = (0.6, -0.3, 0.3, 0.3)
-_THUMB = (1.369, -0.068, 0.912, -0.924)
 UP = np.array([0.0, 0.0, 1.0])
-"""The axis z, of the world or of the palm."""
-THUMB_SHIFT = -0.03
-"""By how much the thumb's pad is moved aside per turn of the grip [m/rad]: it rolls on the thing."""
+"""The axis z, of the world or of the working frame."""
 LEAST_TURN = 0.01
 """Turns in 8 steps below which a stroke has come to its end."""
-
-
-class Habit(NamedTuple):
-    """Thumb opposite a shallow V of two neighbouring fingers."""
-
-    fingers: tuple[int, ...]
-    """Which take part, as indices into `FINGERS`."""
-    centre: Array
-    """Point on the axis between the pads, palm frame [m]; the axis runs along palm z in the end."""
-    touch: Array
-    """The pads on a bar of 12 mm radius [rad] (16,): where the search for a grip begins."""
-
-    def grip(self, handle: Handle, turn: float = 0.0, room: float = 0.016) -> Grip:
-        """Return the grip of a bar with all fingers turned about it by `turn` [rad]."""
-        first = self.fingers[0]
-        around = np.roll([0.29, -0.155, 0.0, 0.0], first) + np.array([0.0, 0.0, 0.0, 0.069])
-        beside = np.roll([-0.0105, 0.0105, 0.0, 0.0], first)  # Of the pads' middles.
-        beside[3] = THUMB_SHIFT * turn
-        push = np.array([-1.0, 0.0, 0.0])
-        return grip_handle(
-            handle, np.zeros(4), push, self.fingers, self.touch, self.touch, room, around + turn, beside
-        )
-
-
-HABITS = (
-    Habit(
-        (0, 1, 3),
-        np.array([-0.0230, 0.0242, -0.1247]),
-        np.array((1.066, -0.533, 0.917, -0.316, 1.752, -0.630, -0.457, 0.194, *_IDLE, *_THUMB)),
-    ),
-    Habit(
-        (1, 2, 3),
-        np.array([-0.0230, -0.0212, -0.1247]),
-        np.array((*_IDLE, 1.066, -0.533, 0.917, -0.316, 1.752, -0.630, -0.457, 0.194, *_THUMB)),
-    ),
-)
-"""How bars are held: those that lean toward the robot between thumb, index and middle, others beside them."""
 
 
 class Screw(NamedTuple):
@@ -64,7 +23,7 @@ class Screw(NamedTuple):
     pose: Callable[[], tuple[Array, Array]]
     """Position [m] (3,) and orientation (3, 3) of its body in the world."""
     axis: Array
-    """Unit vector in the palm frame along which its z axis stands. Shape (3,)."""
+    """Unit vector in the working frame along which its z axis stands. Shape (3,)."""
     grasp_at: float
     """Where along its z axis the fingers hold it [m]."""
     radius: float
@@ -77,14 +36,14 @@ class Screw(NamedTuple):
     """Where its body belongs [m] (3,), world frame; None if it cannot lean or leave."""
 
     def in_palm(self, script: Script) -> Pose:
-        """Return where its body is in the palm, or belongs if it has a seat."""
+        """Return where its body is in the working frame, or belongs if it has a seat."""
         held = script.in_palm(*self.pose())
         if self.seat is None:
             return held
         return Pose(script.in_palm(self.seat(), np.eye(3)).position, aligned(held.rotation, self.axis))
 
     def handle(self, script: Script) -> Handle:
-        """Return what the fingers hold, in the palm."""
+        """Return what the fingers hold."""
         held = self.in_palm(script)
         centre = held.position + held.rotation @ np.array([0, 0, self.grasp_at])
         return Handle(centre, held.rotation[:, 2], self.radius)
@@ -106,7 +65,7 @@ class Strokes(NamedTuple):
     ahead: float = LEAD[1]
     """How far the operator leads it at most [rad]: the fingers push as far ahead."""
     press: float = 0.0
-    """How far into the palm frame's minus axis the operator wants it [m]: 100 N/m press it into its seat."""
+    """How far against its axis the operator wants it [m]: 100 N/m press it into its seat."""
 
 
 def insert(

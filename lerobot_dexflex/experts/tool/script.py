@@ -4,16 +4,17 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lerobot_dexflex.envs.hand_env import HandEnv
 from lerobot_dexflex.experts.command import Array, Command, Unsteadiness, min_jerk
 from lerobot_dexflex.experts.tool.grip import Grip
 from lerobot_dexflex.experts.tool.hand import OperatorHand
-from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix, rotation_vector
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hand.arm import N_ARM, ArmKinematics, arm_for, rotation_matrix, rotation_vector
+from lerobot_dexflex.hands import PALM
 
 PALM_DOWN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Orientation of the palm over a table: fingers down, palm y away from the robot."""
+"""Orientation of the working frame over a table: the hand reaches down, its first finger is farthest away."""
 _ARM_NOISE, _HAND_NOISE = 0.025, 0.002
 """Unsteadiness [rad]. On its way through the air the arm strays by centimetres, as learned policies do, so
 that demonstrations show the way back (DART, Laskey et al. 2017)."""
@@ -33,40 +34,44 @@ class Pose(NamedTuple):
 class Script:
     """Keeps track of where the palm has been commanded to, and moves it on; the hand goes its own way.
 
+    Poses of the palm are those of its working frame, see `holds`.
+
     Args:
         env: The environment, unwrapped and just reset.
         hand: The operator's hand.
         rng: Source of the unsteadiness.
-        grasp_centre: Point between the pads that every pose is about, palm frame [m]. Shape (3,).
+        grasp_centre: Point between the pads that every pose is about, working frame [m]. Shape (3,).
     """
 
     def __init__(
         self, env: HandEnv, hand: OperatorHand, rng: np.random.Generator, grasp_centre: Array
     ) -> None:
         self._env, self.hand = env, hand
-        self._grasp_centre = grasp_centre
-        self._arm = env.command[:7]
-        self._kinematics = ArmKinematics(LEAP, grasp_centre, self._arm)
-        scale = np.concatenate([np.full(7, _ARM_NOISE), np.full(16, _HAND_NOISE)])
+        self.grasp_centre = grasp_centre
+        self._arm = env.command[:N_ARM]
+        self._kinematics = ArmKinematics(env.hand, hand.frame @ grasp_centre, self._arm)
+        scale = np.repeat([_ARM_NOISE, _HAND_NOISE], [N_ARM, env.hand.n_joints])
         self._noise = Unsteadiness(rng, scale)
         self.care = self._share = 1.0
         """Share of the arm's unsteadiness; less of it where precision counts. It takes effect gradually."""
-        self.position, self.rotation = self._kinematics.forward(self._arm)
+        self.position, rotation = self._kinematics.forward(self._arm)
+        self.rotation = rotation @ hand.frame
 
     def in_palm(self, position: Array, rotation: Array) -> Pose:
-        """Return a world pose in the measured palm frame: how an object is held."""
-        palm = self._env.data.body("palm")
-        palm_rotation = palm.xmat.reshape(3, 3)
+        """Return a world pose in the measured working frame: how an object is held."""
+        palm = self._env.data.body(PALM)
+        palm_rotation = palm.xmat.reshape(3, 3) @ self.hand.frame
         return Pose(palm_rotation.T @ (position - palm.xpos), palm_rotation.T @ rotation)
 
     def palm_for(self, held: Pose, position: Array, rotation: Array) -> Pose:
         """Return the grasp point's position and palm orientation that bring a held object to a pose."""
         palm_rotation = rotation @ held.rotation.T
-        return Pose(position + palm_rotation @ (self._grasp_centre - held.position), palm_rotation)
+        return Pose(position + palm_rotation @ (self.grasp_centre - held.position), palm_rotation)
 
-    def swing(self, position: Array, rotation: Array, steps: int, seed: tuple) -> Iterator[Command]:
+    def swing(self, position: Array, rotation: Array, steps: int, seed: ArrayLike) -> Iterator[Command]:
         """Interpolate the joints to a pose found from a planar seed: for large reorientations."""
-        start, goal = self._arm, self._kinematics.reach(np.array(seed), position, rotation)
+        seed = arm_for(self._env.hand, seed)
+        start, goal = self._arm, self._kinematics.reach(seed, position, rotation @ self.hand.frame.T)
         for k in range(1, steps + 1):
             self._arm = start + min_jerk(k / steps) * (goal - start)
             yield self._command()
@@ -90,7 +95,7 @@ class Script:
             position: Position of the grasp point, world frame [m]. Shape (3,).
             rotation: Orientation of the palm, world frame. Shape (3, 3).
         """
-        self._arm = self._kinematics.solve(self._arm, position, rotation)
+        self._arm = self._kinematics.solve(self._arm, position, rotation @ self.hand.frame.T)
         self.position, self.rotation = position, rotation
         return self._command()
 
@@ -100,7 +105,7 @@ class Script:
             yield self._command()
 
     def move_hand(self, joints: Array, steps: int) -> Iterator[Command]:
-        """Keep the palm still while free fingers go to joint positions [rad] (16,)."""
+        """Keep the palm still while free fingers go to joint positions [rad] (joints,)."""
         self.hand.go(joints, steps)
         yield from self.hold(steps)
 
@@ -132,5 +137,5 @@ class Script:
         joints = np.concatenate([self._arm, hand])
         self._share += float(np.clip(self.care - self._share, -_EASE, _EASE))
         noise = self._noise.step()
-        noise[:7] *= self._share
+        noise[:N_ARM] *= self._share
         return Command(joints, joints + noise, draft, self.hand.slipping)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lerobot_dexflex.experts.reach.sensing import FingerContacts, HandState
 from lerobot_dexflex.hand.objects import ObjectSpec
 from lerobot_dexflex.hand.surfaces import surface_samples
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import PALM, Hand
 
 Array = NDArray[np.float64]
 
@@ -37,13 +37,14 @@ class ToolSenses:
 
     def __init__(self, env: Any, tool: Tool) -> None:
         self.env, self.tool, self.friction = env, tool, tool.friction
+        self.hand: Hand = env.hand
         model = env.model
         self._body = model.body(tool.body).id
         self.mass = float(model.body_subtreemass[self._body])
-        self._palm = model.body("palm").id
-        self._contacts = FingerContacts(model, self._body)
-        self._tips = [model.site(f"{finger}_tip").id for finger in LEAP.prefixes]
-        self._joints = [model.joint(name).qposadr[0] for name in LEAP.joint_names]
+        self._palm = model.body(PALM).id
+        self._contacts = FingerContacts(self.hand, model, self._body)
+        self._tips = [model.site(f"{finger}_tip").id for finger in self.hand.prefixes]
+        self._joints = [model.joint(name).qposadr[0] for name in self.hand.joint_names]
 
     @property
     def gravity(self) -> Array:

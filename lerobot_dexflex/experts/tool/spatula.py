@@ -6,8 +6,10 @@ import numpy as np
 
 from lerobot_dexflex.envs.spatula import BLADE_TOP, EDGE, HANDLE_HALF_DEPTH, HANDLE_HALF_LENGTH, SpatulaEnv
 from lerobot_dexflex.experts.command import Array, Command
-from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, HELD, grip_bar, pick_up
+from lerobot_dexflex.experts.tool.bar import HELD, pick_up
+from lerobot_dexflex.experts.tool.grip import all_fingers, without
 from lerobot_dexflex.experts.tool.hand import MARGIN, OperatorHand
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.arm import rotation_matrix
@@ -16,10 +18,8 @@ from lerobot_dexflex.hand.objects import ObjectSpec
 
 GRASP_AT = 0.006
 """Where along the handle the hand grips, from its centre toward the blade [m]."""
-STRAIGHT = Pose(GRASP_CENTRE - GRASP_AT * HELD[:, 2], HELD)
-"""How the spatula is held once it is straight, palm frame."""
-FOUR_FINGERS = 0.6
-"""How often the middle finger takes part."""
+ALL_FINGERS = 0.6
+"""How often all fingers take part; else the second does not."""
 SQUEEZE = 4.5
 """Squeeze per finger that is wished for whatever the margin [N]: scraping shakes off what hardly presses."""
 FLEXED_DOWN = (-0.35, 0.0, 0.95, 0.0, 1.3)
@@ -34,7 +34,7 @@ RUN_UP = 0.025
 SCOOP_SPEED = 0.003
 """Speed of scooping [m] per control step: the rim is not to be hit hard."""
 SCRAPE = np.array([0.0, -0.2, 0.1])
-"""Force of the griddle on the edge that the hand braces for, palm frame while scooping [N]."""
+"""Force of the griddle on the edge that the hand braces for, working frame [N]."""
 CARRY_RAISED = 0.06
 """Pitch of the spatula while it carries the food [rad]."""
 
@@ -45,8 +45,9 @@ def spatula_script(env: SpatulaEnv, rng: np.random.Generator) -> Script:
     half_size = (HANDLE_HALF_DEPTH, episode.handle_half_width, HANDLE_HALF_LENGTH)
     shape = ObjectSpec("box", half_size, episode.mass)
     senses = ToolSenses(env, Tool("spatula", shape, np.zeros(3), episode.tip_friction))
-    hand = OperatorHand(senses, env.command[7:], rng, rng.uniform(*MARGIN))
-    return Script(env, hand, rng, GRASP_CENTRE)
+    holds = holds_of(env.hand)
+    hand = OperatorHand(senses, env.command, rng, rng.uniform(*MARGIN), holds.frame)
+    return Script(env, hand, rng, holds.bar.centre)
 
 
 def take_spatula(
@@ -60,10 +61,11 @@ def take_spatula(
         half_width: Of its handle [m].
         rng: Decides which fingers take part.
     """
-    fingers = (0, 1, 2, 3) if rng.random() < FOUR_FINGERS else (0, 2, 3)
-    grip = grip_bar(PALM_DOWN.T @ spatula.rotation[:, 2], half_width, fingers)
+    hand = script.hand.senses.hand
+    fingers = all_fingers(hand) if rng.random() < ALL_FINGERS else without(hand, 1)
+    grip = holds_of(hand).bar.grip(PALM_DOWN.T @ spatula.rotation[:, 2], half_width, fingers)
     grasp_point = spatula.position + GRASP_AT * spatula.rotation[:, 2]
-    yield from pick_up(script, grip, grasp_point, STRAIGHT, arm_at(grasp_point, 0.0), SQUEEZE)
+    yield from pick_up(script, grip, grasp_point, straight(script), arm_at(grasp_point, 0.0), SQUEEZE)
     yield from script.glide(script.position + np.array([0, 0, 0.05]), PALM_DOWN, 10)
 
 
@@ -88,7 +90,7 @@ def scoop(
         return spatula_at(origin + turn @ np.array([x, food[1], height]), heading, raised)
 
     script.care = 0.4
-    above = script.palm_for(STRAIGHT, *blade_at(start - RUN_UP, 0.05))
+    above = script.palm_for(straight(script), *blade_at(start - RUN_UP, 0.05))
     yield from script.swing(*above, 26, arm_at(above.position, heading))
     yield from script.wait(lambda: script.hand.there, 20)
     script.care = 0.08
@@ -113,10 +115,15 @@ def carry(env: SpatulaEnv, script: Script, mass: float) -> None:
     script.hand.brace(script.rotation.T @ weight, env.food_on_spatula())
 
 
-def tipped(held: Pose, pitch: float) -> Pose:
-    """Return how a spatula is held, palm frame, once the fingers have raised its blade by a pitch [rad]."""
-    turn = rotation_matrix(np.array([pitch, 0.0, 0.0]))
-    return Pose(GRASP_CENTRE + turn @ (held.position - GRASP_CENTRE), turn @ held.rotation)
+def straight(script: Script) -> Pose:
+    """Return how the spatula is held once it is straight, working frame."""
+    return Pose(script.grasp_centre - GRASP_AT * HELD[:, 2], HELD)
+
+
+def tipped(script: Script, held: Pose, pitch: float) -> Pose:
+    """Return how a spatula is held, working frame, once fingers have raised its blade by a pitch [rad]."""
+    centre, turn = script.grasp_centre, rotation_matrix(np.array([pitch, 0.0, 0.0]))
+    return Pose(centre + turn @ (held.position - centre), turn @ held.rotation)
 
 
 def arm_at(point: Array, heading: float) -> tuple[float, ...]:

@@ -32,7 +32,7 @@ def episode(steps=4, *, label=0.0, draft=None, selected=None, dropped=False, pro
     return found
 
 
-def build_even(seed, verified):
+def build_even(hand, seed, verified):
     """Only even seeds have chains."""
     assert not verified
     return chain(seed) if seed % 2 == 0 else None

@@ -11,6 +11,7 @@ from lerobot_dexflex.evaluation.reach.episodes import (
 )
 from lerobot_dexflex.evaluation.reach.privileged import OperatorInterface
 from lerobot_dexflex.experts.reach.chains import build_chain
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import explanation
 from lerobot_dexflex.interfaces.raw import RawInterface
 
@@ -46,13 +47,13 @@ def test_a_digest_tells_chains_apart():
 def test_a_conditions_source_reaches_the_loop(monkeypatch):
     asked = []
 
-    def run_chains(chains, errors, interface, *, source, batch):
+    def run_chains(hand, chains, errors, interface, *, source, batch):
         asked.append((errors.name, source))
         return [episode() for _ in chains]
 
     monkeypatch.setattr(episodes, "run_chains", run_chains)
     for condition in ("noise_2mm", "noise_2mm+pressing+verified"):
-        assert len(run_episodes([chain(1)], condition, RawInterface(), 1)) == 1
+        assert len(run_episodes([chain(1)], condition, RawInterface(LEAP), 1)) == 1
     assert asked == [("noise_2mm", "motion"), ("noise_2mm", "pressing")]
 
 
@@ -61,9 +62,9 @@ def test_the_operator_is_its_own_bound_whatever_happens_to_its_drafts(monkeypatc
     built = build_chain(ReachEnv(cameras=()), 50_003, verify=False)
     assert built is not None
     chains = [built]
-    (wanted,) = run_episodes(chains, "clean", OperatorInterface(), 1)
-    (found,) = run_episodes(chains, "noise_4mm+pressing", OperatorInterface(), 1)
-    (spoilt,) = run_episodes(chains, "noise_4mm", RawInterface(), 1)
+    (wanted,) = run_episodes(chains, "clean", OperatorInterface(LEAP), 1)
+    (found,) = run_episodes(chains, "noise_4mm+pressing", OperatorInterface(LEAP), 1)
+    (spoilt,) = run_episodes(chains, "noise_4mm", RawInterface(LEAP), 1)
     assert wanted["steps"] == 16
     assert (found["progress"], found["retention"]) == (wanted["progress"], wanted["retention"])
     assert found["intent"] == 0

@@ -5,6 +5,7 @@ from degraded_fakes import row
 
 from lerobot_dexflex.conventions import STATE
 from lerobot_dexflex.evaluation.reach.films import _Observed, choose_episode, flat
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 
 
@@ -27,7 +28,7 @@ def test_numbers_of_an_explanation_are_logged_by_path():
 def test_what_is_filmed_is_the_drafts_first_step_and_what_was_made_of_it():
     joints = torch.full((1, 16), 0.4, dtype=torch.float64)
     draft = 0.002 * torch.arange(1, 9, dtype=torch.float64)[None, :, None, None].expand(1, 8, 4, 3)
-    observed = _Observed(make_interface("raw@0.5"))
+    observed = _Observed(make_interface(LEAP, "raw@0.5"))
     observed.step({STATE: joints}, draft)
     assert observed.change is not None
     seen = observed.change.row(0)

@@ -18,6 +18,7 @@ from lerobot_dexflex.evaluation.reach.search import (
     fit,
     run_search,
 )
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import INTERFACES, Method
 from lerobot_dexflex.interfaces.grip import ServoSettings
 from lerobot_dexflex.interfaces.press import PressInterface, PressSettings
@@ -38,7 +39,7 @@ def test_a_trial_builds_press_as_its_name_would():
     trial = draw_trial(5, [1000])
     settings = trial.settings | {"blocked": bool(trial.settings["blocked"])}
     words = [f"{name}={value}" for name, value in settings.items() if name != "gain"]
-    made, named = trial.make(), Method.parse(f"press:{'+'.join(words)}@{settings['gain']}").make()
+    made, named = trial.make(LEAP), Method.parse(f"press:{'+'.join(words)}@{settings['gain']}").make(LEAP)
     assert isinstance(named, PressInterface)
     assert (made.settings, made._grip.servo, made.gain) == (named.settings, named._grip.servo, named.gain)
 

@@ -12,6 +12,7 @@ from lerobot_dexflex.evaluation.reach import bounds
 from lerobot_dexflex.experts.reach.chains import MAX_STEPS, N_GOALS, Chain, HeldObject, build_chain
 from lerobot_dexflex.experts.reach.goals import ANGLE, DISTANCE
 from lerobot_dexflex.hand.poses import pose_error
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 
 SEEDS = range(50_000, 50_004)
@@ -42,7 +43,7 @@ def test_a_verified_chain_fits_the_time_limit(chain):
 
 
 def test_the_operators_own_targets_complete_a_verified_chain(chain):
-    (episode,) = run_chains([chain], NO_ERRORS, make_interface(bounds.OPERATOR))
+    (episode,) = run_chains(LEAP, [chain], NO_ERRORS, make_interface(LEAP, bounds.OPERATOR))
     assert not episode.dropped
     assert episode.goals_reached == N_GOALS
     assert episode.progress == 1.0
@@ -50,7 +51,7 @@ def test_the_operators_own_targets_complete_a_verified_chain(chain):
 
 
 def test_a_hand_that_only_grips_reaches_nothing(chain):
-    (episode,) = run_chains([chain], CommandErrors.of(scale=0.0), make_interface("press:2.5"))
+    (episode,) = run_chains(LEAP, [chain], CommandErrors.of(scale=0.0), make_interface(LEAP, "press:2.5"))
     assert episode.progress < 0.3
     assert np.abs(episode.selected).max() < 1e-12
 
