@@ -211,4 +211,4 @@ def _environment_remedy(hand: Hand, inputs: Shapes) -> str:
 
 def _environments_of(hand: Hand, n_joints: int) -> str:
     tasks = "|".join(name for name, task in TASKS.items() if len(task.joints(hand)) == n_joints)
-    return f"--env.hand={hand.name} --env.task={tasks}"
+    return f"--env.task={tasks} --env.hand={hand.name}"

@@ -28,7 +28,7 @@ def test_a_dataset_in_our_schema_is_accepted(meta):
 
 def test_another_robot_is_refused(meta):
     meta.info.robot_type = "so101"
-    with pytest.raises(DexFlexError, match="robot_type is 'so101', but dexflex_flow drives leap_xarm7"):
+    with pytest.raises(DexFlexError, match="robot_type is 'so101', but this policy drives leap_xarm7"):
         check_dataset(LEAP, meta, {})
 
 
@@ -116,7 +116,7 @@ def pour_cup(tiny, tmp_path):
             ["--env.task=Reach-v0"],
             r"state of shape \(23,\), but the environment Reach-v0 offers shape \(16,\). "
             r"It fits --env.task=AssembleTable-v0\|BrushSweep-v0\|FlipToast-v0\|HammerNail-v0\|"
-            r"PlaceHammer-v0\|PourCup-v0\|ScrewNut-v0\|Screwdriver-v0\|SpatulaServe-v0 with "
+            r"PlaceHammer-v0\|PourCup-v0\|ScrewNut-v0\|Screwdriver-v0\|SpatulaServe-v0 --env.hand=leap with "
             r"--env.options='\{\"cameras\": \[\"front\", \"wrist\"\], \"image_size\": 96\}'",
         ),
         (['--env.options={"cameras": ["front"]}'], r"reads observation.images.wrist, which the environment"),
@@ -180,7 +180,7 @@ def test_a_checkpoint_whose_environment_has_another_action_is_refused(build, tmp
     config = PreTrainedConfig.from_pretrained(tmp_path)
     config.pretrained_path = tmp_path
     with pytest.raises(
-        DexFlexError, match=r"drives 23 joints, but .* \(16,\). Valid --env.task: AssembleTable-v0"
+        DexFlexError, match=r"drives 23 joints, but .* \(16,\). It fits --env.task=AssembleTable-v0"
     ):
         make_policy(config, env_cfg=DexflexEnvConfig(task="Reach-v0"))
 
