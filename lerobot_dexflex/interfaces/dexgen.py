@@ -70,7 +70,7 @@ class DexGenInterface(LearnedInterface):
         self._guidance, self._steps = guidance, steps
         self._use_touch, self._use_splitter = use_touch, use_splitter
         width = self.controller.config.finger_chunk_width
-        self._noise = torch.randn(1, 1, 4, width, generator=torch.Generator().manual_seed(seed))
+        self._noise = torch.randn(1, 1, hand.n_fingers, width, generator=torch.Generator().manual_seed(seed))
 
     def _move(self, device: torch.device) -> None:
         super()._move(device)

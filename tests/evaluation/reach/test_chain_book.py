@@ -44,7 +44,7 @@ def test_what_is_there_is_not_built_again_but_a_torn_line_is(tmp_path):
 
     def build(hand, seed, verified):
         built.append(seed)
-        return build_even(seed, verified)
+        return build_even(hand, seed, verified)
 
     book.ensure(3, workers=0, quiet=True, build=build)
     assert built == []
