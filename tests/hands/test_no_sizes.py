@@ -36,7 +36,7 @@ OTHER = {
     "lerobot_dexflex/runs/provenance.py": ("slice at 16",),
     "lerobot_dexflex/streams/record.py": ("calls a finger 'pinky'", "calls a finger 'thumb'"),
 }
-"""What looks like a hand and is none: sides of geoms, edges of cones, digits of a digest, fingers of people."""
+"""What looks like a hand and is none: sides of geoms, edges of cones, digits, fingers of people."""
 
 NOT_YET = {
     "lerobot_dexflex/controller/chunks.py",
