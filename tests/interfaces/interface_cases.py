@@ -1,9 +1,11 @@
 """Hands, observations and drafts for the tests of all interfaces."""
 
+import math
+
 import torch
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON, GRAVITY, STATE, TACTILE
-from lerobot_dexflex.hand.kinematics import fingertips, pads
+from lerobot_dexflex.hand.kinematics import fingertips, joint_limits, pads
 from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Method
 
@@ -14,41 +16,55 @@ METHODS = (
 """Methods without networks."""
 
 
-def hand_poses(rows, seed=0):
-    """Half-closed hands, well inside the joint limits."""
+HALF_CLOSED = {
+    "leap": [0.8, 0.0, 0.5, 0.4] * 3 + [1.2, 0.2, 0.4, 0.4],
+    "sharpa": [0.6, 0.0, 0.6, 0.5] * 3 + [0.13, 0.6, 0.0, 0.6, 0.5] + [1.2, 0.0, 0.4, 0.0, 0.6],
+}
+"""Joints [rad], well inside the limits."""
+
+
+def hand_poses(rows, seed=0, hand=LEAP):
+    """Half-closed hands within the joint limits."""
     generator = torch.Generator().manual_seed(seed)
-    nominal = torch.tensor([0.8, 0.0, 0.5, 0.4] * 3 + [1.2, 0.2, 0.4, 0.4], dtype=torch.float64)
-    return nominal + 0.1 * torch.randn(rows, 16, generator=generator, dtype=torch.float64)
+    middle = torch.tensor(HALF_CLOSED[hand.name], dtype=torch.float64)
+    joints = middle + 0.1 * torch.randn(rows, hand.n_joints, generator=generator, dtype=torch.float64)
+    return joints.clamp(*joint_limits(hand))
 
 
-def observation(rows, seed=0, arm=7):
+def observation(rows, seed=0, arm=7, hand=LEAP):
     """Observations of hands that touch something with every finger."""
-    joints = hand_poses(rows, seed)
+    joints = hand_poses(rows, seed, hand)
     generator = torch.Generator().manual_seed(seed)
     return {
         STATE: torch.cat([torch.zeros(rows, arm, dtype=torch.float64), joints], 1),
-        TACTILE: 0.1 * torch.rand(rows, 240, generator=generator),
-        "observation.fingertips": fingertips(LEAP, joints).flatten(1).float(),
+        TACTILE: 0.1 * torch.rand(rows, taxels_of(hand), generator=generator),
+        "observation.fingertips": fingertips(hand, joints).flatten(1).float(),
         GRAVITY: torch.tensor([0.0, 0.0, -1.0]).expand(rows, 3),
     }
 
 
-def touching(loads, rows=1, seed=0):
+def taxels_of(hand):
+    """Return the number of all taxels of a hand."""
+    return hand.n_fingers * math.prod(hand.taxels)
+
+
+def touching(loads, rows=1, seed=0, hand=LEAP):
     """Hands whose fingers carry `loads` [N]: a number for all, or one per finger."""
-    loads = torch.as_tensor(loads, dtype=torch.float32).expand(4)
-    taxels = (loads[:, None] / 60).expand(rows, 4, 60).flatten(1)
-    return observation(rows, seed) | {TACTILE: taxels}
+    loads = torch.as_tensor(loads, dtype=torch.float32).expand(hand.n_fingers)
+    each = math.prod(hand.taxels)
+    taxels = (loads[:, None] / each).expand(rows, hand.n_fingers, each).flatten(1)
+    return observation(rows, seed, hand=hand) | {TACTILE: taxels}
 
 
-def measured(seen):
+def measured(seen, hand=LEAP):
     """Return where the joints [rad], the fingertips and the pads' outward normals of the hands are."""
-    joints = seen[STATE][:, -16:].double()
-    return joints, fingertips(LEAP, joints), pads(LEAP, joints)[1]
+    joints = seen[STATE][:, -hand.n_joints :].double()
+    return joints, fingertips(hand, joints), pads(hand, joints)[1]
 
 
-def still(rows=1):
+def still(rows=1, hand=LEAP):
     """A draft to stay where the fingertips are measured."""
-    return torch.zeros(rows, DRAFT_HORIZON, 4, 3, dtype=torch.float64)
+    return torch.zeros(rows, DRAFT_HORIZON, hand.n_fingers, 3, dtype=torch.float64)
 
 
 def held(motion):
@@ -56,12 +72,13 @@ def held(motion):
     return motion[:, None].expand(-1, DRAFT_HORIZON, -1, -1)
 
 
-def drafts(name, rows, seed=1, size=0.002):
+def drafts(name, rows, seed=1, size=0.002, hand=LEAP):
     """Random drafts of the command space of an interface."""
     if Method.parse(name).command_space == "joint":
-        return hand_poses(rows * DRAFT_HORIZON, seed).view(rows, DRAFT_HORIZON, 16)
+        return hand_poses(rows * DRAFT_HORIZON, seed, hand).view(rows, DRAFT_HORIZON, -1)
     generator = torch.Generator().manual_seed(seed)
-    return size * torch.randn(rows, DRAFT_HORIZON, 4, 3, generator=generator, dtype=torch.float64)
+    shape = rows, DRAFT_HORIZON, hand.n_fingers, 3
+    return size * torch.randn(shape, generator=generator, dtype=torch.float64)
 
 
 def row(observation, index):
