@@ -95,7 +95,7 @@ def findings(text: str) -> list[str]:
     documents = {id(node) for each in ast.walk(tree) if (node := _docstring(each)) is not None}
     found = []
     for node in ast.walk(tree):
-        found += [(node.lineno, what) for what in _of_one_hand(node, id(node) in documents)]
+        found += [(getattr(node, "lineno", 0), what) for what in _of_one_hand(node, id(node) in documents)]
     return [f"{line}: {what}" for line, what in sorted(set(found))]
 
 
