@@ -133,7 +133,7 @@ def policy_costs(checkpoint: Path) -> dict[str, float]:
     observation, _ = env.reset()
     stacked = {key: value[None] for key, value in observation.items() if key != "pixels"}
     stacked["pixels"] = {name: image[None] for name, image in observation["pixels"].items()}
-    controller = LeRobotPolicies(checkpoint)("raw")
+    controller = LeRobotPolicies(LEAP, checkpoint)("raw")
     controller.reset([SEED])
     task = str(env.get_wrapper_attr("task_description"))
     return {"policy `raw`, per control step": best(lambda: controller.act(stacked, task), 24, 5)}
@@ -161,9 +161,9 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
     from lerobot_dexflex.evaluation import latency
 
     networks = latency.load_networks(controller or None)
-    found = latency.measure(latency.interfaces_at_defaults(networks), steps)
-    together = latency.measure(latency.interfaces_at_defaults(networks), steps // 8, hands=HANDS)
-    cells = latency.grid(networks, steps // 4)
+    found = latency.measure(LEAP, latency.interfaces_at_defaults(LEAP, networks), steps)
+    together = latency.measure(LEAP, latency.interfaces_at_defaults(LEAP, networks), steps // 8, hands=HANDS)
+    cells = latency.grid(LEAP, networks, steps // 4)
     weights = "trained" if networks.trained else "random"
     print(f"decisions, one core, {weights} weights [ms]")
     print(f"  {'':38}{'p50':>8}{'p95':>8}{'p99':>8}")

@@ -20,6 +20,7 @@ from lerobot_dexflex.console import names
 from lerobot_dexflex.conventions import COMMANDED, DRAFTS
 from lerobot_dexflex.envs.registration import check_tasks
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 
 _ROOT = Path(__file__).resolve().parents[1]
 _CHECKPOINTS = Path("policies/checkpoints")
@@ -36,6 +37,8 @@ class Config:
     """Names of tasks, separated by commas."""
     methods: str = "joint,raw,press"
     """`name[-ablation][:options][@gain],...`, such as `raw,dexgen@0.4,dexflex-notouch`."""
+    hand: str = "leap"
+    """The hand: a name of `lerobot_dexflex.hands`."""
     conditions: str = "clean"
     """What goes wrong, separated by commas: a person's level, errors of commands and disturbances, such as
     `clean,typical,noise_4mm,removal_2mm+heavy`."""
@@ -81,6 +84,7 @@ class Config:
 
     def __post_init__(self) -> None:
         check_tasks(names(self.tasks))
+        get_hand(self.hand)
         for name in ("workers", "episodes", "seed"):
             if getattr(self, name) < 0:
                 raise DexFlexError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
@@ -149,11 +153,13 @@ def players(config: Config, task: str) -> Any:
     from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies
     from lerobot_dexflex.evaluation.teleoperators import Teleoperators
 
+    hand = get_hand(config.hand)
     if config.operator:
-        return Teleoperators(task, config.controller, check_source(config.source))
+        return Teleoperators(hand, task, config.controller, check_source(config.source))
     if config.backbone is not None:
-        return AdaptedPolicies(config.backbone, config.device, config.controller)
+        return AdaptedPolicies(hand, config.backbone, config.device, config.controller)
     return LeRobotPolicies(
+        hand=hand,
         policy=config.policy or shipped(task),
         draft=config.draft,
         device=config.device,

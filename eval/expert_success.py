@@ -10,6 +10,7 @@ from pathlib import Path
 
 from lerobot_dexflex import console
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 
 
 @dataclass
@@ -18,6 +19,8 @@ class Config:
 
     task: str = "PlaceHammer-v0"
     """A task with an expert."""
+    hand: str = "leap"
+    """The hand: a name of `lerobot_dexflex.hands`."""
     episodes: int = 200
     """Initial states."""
     seed: int = 200_000
@@ -28,6 +31,7 @@ class Config:
     """Folder of the rows, as method `expert`; `eval/results` publishes them."""
 
     def __post_init__(self) -> None:
+        get_hand(self.hand)
         if self.workers < 0:
             raise DexFlexError(f"`workers` must not be negative. Got {self.workers}.")
 
@@ -45,7 +49,9 @@ def _work(config: Config, words: list[str]) -> int:
     from lerobot_dexflex.runs.statistics import success_rate
 
     table = config.output / TABLE
-    rows = expert_rate(config.task, config.episodes, config.seed, config.workers, table)
+    rows = expert_rate(
+        get_hand(config.hand), config.task, config.episodes, config.seed, config.workers, table
+    )
     rate = success_rate(rows["success"].astype(bool).tolist())
     low, high = rate.pc_success_ci95
     print(

@@ -19,6 +19,7 @@ from lerobot_dexflex.commands.source import check_source, operator_label
 from lerobot_dexflex.console import names
 from lerobot_dexflex.envs.registration import TOOLS, check_tasks
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 
 METHODS = (
     "raw,filter,press:1,projection,dexgen:use_splitter=True,dexflex-notouch:use_splitter=True,"
@@ -35,6 +36,8 @@ class Config:
     """Names of tasks, separated by commas."""
     methods: str = METHODS
     """`name[-ablation][:options][@gain],...`; `joint` executes the operator's own joints."""
+    hand: str = "leap"
+    """The hand: a name of `lerobot_dexflex.hands`."""
     level: str = "novice"
     """How well the person leads, of `commands.levels.LEVELS`; empty: without errors. By default the level at
     which `raw` succeeded as often below this operator, on tuning seeds, as below the paper's people."""
@@ -59,6 +62,7 @@ class Config:
         if self.level not in ("", *LEVELS):
             raise DexFlexError(f"`level` must be empty or one of {', '.join(LEVELS)}. Got {self.level!r}.")
         check_tasks(names(self.tasks))
+        get_hand(self.hand)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -90,9 +94,9 @@ def build(config: Config) -> Any:
     from lerobot_dexflex.evaluation.teleoperators import Teleoperators
     from lerobot_dexflex.interfaces.method import Method
 
-    source = check_source(config.source)
+    source, hand = check_source(config.source), get_hand(config.hand)
     return Comparison(
-        players={task: Teleoperators(task, config.controller, source) for task in names(config.tasks)},
+        players={task: Teleoperators(hand, task, config.controller, source) for task in names(config.tasks)},
         methods=tuple(Method.parse(name).name for name in names(config.methods)),
         output=config.output,
         conditions=(config.level or CLEAN,),

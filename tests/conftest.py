@@ -14,6 +14,7 @@ SYNTHETIC_EPISODES = (20, 26, 14)
 def make_synthetic_dataset(
     root: Path,
     cameras=("front", "wrist"),
+    hand=LEAP,
     joints=None,
     size=96,
     offset=0.0,
@@ -27,6 +28,7 @@ def make_synthetic_dataset(
     Args:
         root: Folder to create.
         cameras: Names of the cameras.
+        hand: The hand.
         joints: Names of the joints; all of hand and arm if None.
         size: Width and height of the images.
         offset: Added to joints and fingertips.
@@ -43,16 +45,16 @@ def make_synthetic_dataset(
     from lerobot_dexflex.recording.schema import columns, lerobot_features, robot_type
 
     av.logging.set_level(av.logging.PANIC)
-    joints, rename, extra = joints or robot_joints(LEAP), rename or {}, extra or {}
+    joints, rename, extra = joints or robot_joints(hand), rename or {}, extra or {}
     images = {f"observation.images.{camera}": (size, size, 3) for camera in cameras}
-    features = lerobot_features(columns(LEAP, joints), images)
+    features = lerobot_features(columns(hand, joints), images)
     features |= {key: {"dtype": "float32", "shape": (n,), "names": None} for key, n in extra.items()}
     arguments = {
         "repo_id": "lerobot-dexflex/synthetic",
         "fps": 20,
         "features": {rename.get(key, key): feature for key, feature in features.items()},
         "root": root,
-        "robot_type": robot_type(LEAP, joints),
+        "robot_type": robot_type(hand, joints),
         "rgb_encoder": RGBEncoderConfig(vcodec="h264", g=2, crf=18),
         "streaming_encoding": True,
         "encoder_queue_maxsize": 1000,
@@ -63,7 +65,7 @@ def make_synthetic_dataset(
     for steps in SYNTHETIC_EPISODES:
         goal = rng.uniform(-1, 1, 2)
         for k in range(steps):
-            frame = _synthetic_frame(rng, goal, k / steps, images, len(joints), offset, squeeze)
+            frame = _synthetic_frame(rng, goal, k / steps, images, hand, len(joints), offset, squeeze)
             frame |= {key: np.full(n, k, np.float32) for key, n in extra.items()}
             frame = {rename.get(key, key): value for key, value in frame.items()}
             kept = {key: value for key, value in frame.items() if key in dataset.features}
@@ -73,16 +75,16 @@ def make_synthetic_dataset(
     return root
 
 
-def _synthetic_frame(rng, goal, phase, images, n_joints, offset, squeeze):
+def _synthetic_frame(rng, goal, phase, images, hand, n_joints, offset, squeeze):
     size = next(iter(images.values()))[0]
     image = np.full((size, size, 3), 40, np.uint8)
     row, column = (size / 2 + 3 / 8 * size * goal).astype(int)
     image[row - 6 : row + 6, column - 6 : column + 6] = (230, 120, int(250 * phase))
     joints = offset + 0.3 + 0.3 * phase * np.resize(goal, n_joints)
-    tips = offset + 0.05 + 0.02 * phase * np.resize(goal, 12)
+    tips = offset + 0.05 + 0.02 * phase * np.resize(goal, 3 * hand.n_fingers)
     vectors = {
         "observation.state": joints + 0.01 * rng.standard_normal(n_joints),
-        "observation.tactile": rng.exponential(0.05, 240),
+        "observation.tactile": rng.exponential(0.05, hand.n_fingers * np.prod(hand.taxels)),
         "observation.fingertips": tips,
         "observation.gravity": np.array([0.0, 0.0, -1.0]),
         "action": np.concatenate([joints, tips + squeeze]),

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.plan_parts import OLD_LAYOUT, executed_part
 from lerobot_dexflex.evaluation.policy_files import check_policy_files, missing_files
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.method import Method
 
 _PLUGIN = "lerobot_policy_dexflex"
@@ -23,10 +24,11 @@ class LoadedPolicy(NamedTuple):
     postprocess: Any
 
 
-def check_checkpoint(folder: Path, method: Method, draft: str = "") -> str:
+def check_checkpoint(hand: Hand, folder: Path, method: Method, draft: str = "") -> str:
     """Refuse a folder that is no checkpoint for this interface; reads its configuration only.
 
     Args:
+        hand: The hand that it is to move.
         folder: Folder `pretrained_model`.
         method: The interface.
         draft: Which fingertips it executes if it reads drafts; empty leaves it to the checkpoint.
@@ -48,6 +50,11 @@ def check_checkpoint(folder: Path, method: Method, draft: str = "") -> str:
         raise DexFlexError(
             f"The checkpoint {folder} is a policy of the type {config.get('type')!r}, not 'dexflex_flow'. "
             f"Give it as --backbone={folder}, or another: {remedy}"
+        )
+    if (trained := config.get("hand", "leap")) != hand.name:
+        raise DexFlexError(
+            f"The checkpoint {folder} was trained for the hand {trained!r}, not {hand.name!r}. Give "
+            f"--hand={trained}, or another: {remedy}"
         )
     if "learns" not in config:
         raise DexFlexError(f"{folder / 'config.json'}: {OLD_LAYOUT}")
@@ -90,11 +97,12 @@ def adapter_modules() -> tuple[str, ...]:
 
 
 def load_checkpoint(
-    checkpoint: Path, method: Method, device: str, controller: str = "", draft: str = ""
+    hand: Hand, checkpoint: Path, method: Method, device: str, controller: str = "", draft: str = ""
 ) -> LoadedPolicy:
     """Load a policy of our own.
 
     Args:
+        hand: The hand that it is to move.
         checkpoint: Folder `pretrained_model`.
         method: Overrides the checkpoint's interface.
         device: Torch device.
@@ -107,7 +115,7 @@ def load_checkpoint(
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
     from lerobot.utils.import_utils import register_third_party_plugins
 
-    check_checkpoint(checkpoint, method, draft)
+    check_checkpoint(hand, checkpoint, method, draft)
     register_third_party_plugins()
     overrides = [f"--interface={method.name}", f"--device={device}"]
     if draft:
@@ -129,7 +137,9 @@ def load_checkpoint(
     return LoadedPolicy(policy.eval(), *processors)
 
 
-def load_adapter(backbone: Path, method: Method, device: str, controller: str = "") -> LoadedPolicy:
+def load_adapter(
+    hand: Hand, backbone: Path, method: Method, device: str, controller: str = ""
+) -> LoadedPolicy:
     """Put an interface under another policy; arguments as for `load_checkpoint`."""
     from lerobot.configs import PreTrainedConfig
     from lerobot.policies.factory import get_policy_class, make_policy_config, make_pre_post_processors
@@ -138,7 +148,12 @@ def load_adapter(backbone: Path, method: Method, device: str, controller: str = 
     check_policy_files(backbone)
     register_third_party_plugins()
     config: Any = make_policy_config(
-        _ADAPTER, backbone_path=str(backbone), interface=method.name, controller=controller, device=device
+        _ADAPTER,
+        hand=hand.name,
+        backbone_path=str(backbone),
+        interface=method.name,
+        controller=controller,
+        device=device,
     )
     config.input_features = PreTrainedConfig.from_pretrained(backbone).input_features
     with contextlib.redirect_stdout(io.StringIO()):

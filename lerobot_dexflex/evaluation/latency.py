@@ -1,5 +1,6 @@
 """How long one hand waits for a decision of a learned interface."""
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,15 +15,12 @@ from lerobot_dexflex.controller.diffusion_prior import WEIGHTS, DiffusionPrior
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, joint_limits
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces import Interface
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 from lerobot_dexflex.interfaces.dexgen import DexGenInterface
 from lerobot_dexflex.interfaces.raw import RawInterface
-
-JOINT_LOWER, JOINT_UPPER = joint_limits(LEAP)
-
 
 CANDIDATES, EVALUATIONS = (4, 16, 64, 256), (1, 2, 4, 8)
 _WARM_UP = 10
@@ -60,18 +58,19 @@ def load_networks(where: str | Path | None = None) -> Networks:
     return Networks(controller, prior, True)
 
 
-def interfaces_at_defaults(networks: Networks) -> dict[str, Interface]:
+def interfaces_at_defaults(hand: Hand, networks: Networks) -> dict[str, Interface]:
     """Return the interfaces whose latency is compared, as they run by default; DexFlex with more, too."""
     default, many = SelectionSettings(), SelectionSettings(n_pure=32, n_seeded=16, n_finger=16)
     return {
-        "raw": RawInterface(LEAP),
-        "dexgen": DexGenInterface(LEAP, networks.controller, networks.prior),
-        f"dexflex, {default.n_candidates} candidates": DexFlexInterface(LEAP, networks.controller, default),
-        f"dexflex, {many.n_candidates} candidates": DexFlexInterface(LEAP, networks.controller, many),
+        "raw": RawInterface(hand),
+        "dexgen": DexGenInterface(hand, networks.controller, networks.prior),
+        f"dexflex, {default.n_candidates} candidates": DexFlexInterface(hand, networks.controller, default),
+        f"dexflex, {many.n_candidates} candidates": DexFlexInterface(hand, networks.controller, many),
     }
 
 
 def measure(
+    hand: Hand,
     interfaces: Mapping[str, Interface],
     steps: int,
     clock: Callable[[], float] = time.perf_counter,
@@ -80,13 +79,15 @@ def measure(
     """Time single control steps; the interfaces take turns, so that all see the same machine.
 
     Args:
+        hand: The hand that they serve.
         interfaces: By name; they read drafts of fingertip motion.
         steps: Steps that are timed, after a few that are not.
         clock: Returns the time [s].
         hands: Hands in one call, whose time is not divided by their number.
     """
-    observation, draft = _inputs(hands)
-    taxels = torch.rand(64, 1, 240, generator=torch.Generator().manual_seed(0))
+    observation, draft = _inputs(hand, hands)
+    size = hand.n_fingers * math.prod(hand.taxels)
+    taxels = torch.rand(64, 1, size, generator=torch.Generator().manual_seed(0))
     times: dict[str, list[float]] = {name: [] for name in interfaces}
     for k in range(steps + _WARM_UP):
         seen = {**observation, "observation.tactile": 0.1 * taxels[k % 64].expand(hands, -1)}
@@ -98,6 +99,7 @@ def measure(
 
 
 def grid(
+    hand: Hand,
     networks: Networks,
     steps: int,
     candidates: Sequence[int] = CANDIDATES,
@@ -111,17 +113,18 @@ def grid(
     for count in candidates:
         for nfe in evaluations:
             settings = SelectionSettings(count // 2, count - count // 2, n_finger=0, nfe=nfe)
-            made[f"{count} {nfe}"] = DexFlexInterface(LEAP, networks.controller, settings)
-    measured = measure(made, steps)
+            made[f"{count} {nfe}"] = DexFlexInterface(hand, networks.controller, settings)
+    measured = measure(hand, made, steps)
     return {(count, nfe): measured[f"{count} {nfe}"] for count in candidates for nfe in evaluations}
 
 
-def _inputs(hands: int) -> tuple[dict[str, Tensor], Tensor]:
-    joints = ((JOINT_LOWER + JOINT_UPPER) / 2).float().expand(hands, -1)
+def _inputs(hand: Hand, hands: int) -> tuple[dict[str, Tensor], Tensor]:
+    lower, upper = joint_limits(hand)
+    joints = ((lower + upper) / 2).float().expand(hands, -1)
     observation = {
         "observation.state": joints,
-        "observation.fingertips": fingertips(LEAP, joints).flatten(1),
+        "observation.fingertips": fingertips(hand, joints).flatten(1),
         "observation.gravity": torch.tensor([0.0, 0.0, -1.0]).expand(hands, -1),
     }
     generator = torch.Generator().manual_seed(0)
-    return observation, 0.001 * torch.randn(hands, DRAFT_HORIZON, 4, 3, generator=generator)
+    return observation, 0.001 * torch.randn(hands, DRAFT_HORIZON, hand.n_fingers, 3, generator=generator)

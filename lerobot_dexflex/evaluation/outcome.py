@@ -20,7 +20,7 @@ COLUMNS = (
 
 
 class Motion(NamedTuple):
-    """How an interface changed a draft in one control step, palm frame. Shapes (batch, 4, 3), [m]."""
+    """How an interface changed a draft in one control step, palm frame. Shapes (batch, fingers, 3), [m]."""
 
     draft: NDArray[np.float64]
     """Where the fingertips should be after the step, from where they are measured."""
@@ -28,7 +28,7 @@ class Motion(NamedTuple):
     """Motion from there that the interface asked of the hand, beside any grip."""
 
     def row(self, index: int) -> "Motion":
-        """Return one episode of the batch, shapes (4, 3)."""
+        """Return one episode of the batch, shapes (fingers, 3)."""
         return Motion(*(part[index] for part in self))
 
     def magnitude(self) -> float:

@@ -26,7 +26,7 @@ from lerobot_dexflex.evaluation.checkpoints import (
 )
 from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.outcome import Motion
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.provenance import Version, method_version
 
@@ -35,6 +35,8 @@ from lerobot_dexflex.runs.provenance import Version, method_version
 class LeRobotPolicies:
     """One checkpoint for all methods, which execute their parts of its plans, unless they have their own."""
 
+    hand: Hand
+    """The hand that the checkpoints were trained for."""
     policy: Path
     """Folder `pretrained_model`."""
     draft: str = ""
@@ -49,8 +51,10 @@ class LeRobotPolicies:
     def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "LeRobotController":
         """Put the method's interface under its checkpoint, with what goes wrong with its plans."""
         parsed = Method.parse(method)
-        loaded = load_checkpoint(self.checkpoint(method), parsed, self.device, self.controller, self.draft)
-        return LeRobotController(loaded, errors)
+        loaded = load_checkpoint(
+            self.hand, self.checkpoint(method), parsed, self.device, self.controller, self.draft
+        )
+        return LeRobotController(self.hand, loaded, errors)
 
     def checkpoint(self, method: str) -> Path:
         """Return the checkpoint folder of a method."""
@@ -73,7 +77,7 @@ class LeRobotPolicies:
                 f"A checkpoint is given for {', '.join(strangers)}, but compared are {', '.join(methods)}."
             )
         for name in methods:
-            check_checkpoint(self.checkpoint(name), Method.parse(name), self.draft)
+            check_checkpoint(self.hand, self.checkpoint(name), Method.parse(name), self.draft)
             Method.parse(name).weights(self.controller)
 
     def version(self, method: str, task: str, **settings: Any) -> Version:
@@ -88,17 +92,18 @@ class LeRobotPolicies:
             DexFlexError: If its checkpoint or controller is missing or does not fit.
         """
         folder = self.checkpoint(method)
-        part = check_checkpoint(folder, Method.parse(method), self.draft)
+        part = check_checkpoint(self.hand, folder, Method.parse(method), self.draft)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *policy_modules(folder))
-        return _version(
-            method, modules, folder, self.controller, device=self.device, executes=part, **settings
-        )
+        settings |= {"device": self.device, "executes": part, "hand": self.hand.name}
+        return _version(method, modules, folder, self.controller, **settings)
 
 
 @dataclass(frozen=True)
 class AdaptedPolicies:
     """One checkpoint of any chunking policy of LeRobot, under `dexflex_adapter`, for all methods."""
 
+    hand: Hand
+    """The hand that the backbone was trained for."""
     backbone: Path
     """Folder `pretrained_model` of a policy that learned the whole action of a recorded dataset."""
     device: str = "cpu"
@@ -107,8 +112,8 @@ class AdaptedPolicies:
 
     def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "LeRobotController":
         """Put the method's interface under the policy, with what goes wrong with its plans."""
-        loaded = load_adapter(self.backbone, Method.parse(method), self.device, self.controller)
-        return LeRobotController(loaded, errors)
+        loaded = load_adapter(self.hand, self.backbone, Method.parse(method), self.device, self.controller)
+        return LeRobotController(self.hand, loaded, errors)
 
     def check(self, methods: Sequence[str]) -> None:
         """Refuse what cannot run, before anything does.
@@ -124,7 +129,8 @@ class AdaptedPolicies:
         """Return what decides a method's episodes on a task; see `LeRobotPolicies.version`."""
         check_backbone(self.backbone)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *adapter_modules())
-        return _version(method, modules, self.backbone, self.controller, device=self.device, **settings)
+        settings |= {"device": self.device, "hand": self.hand.name}
+        return _version(method, modules, self.backbone, self.controller, **settings)
 
 
 def _version(name: str, modules: Sequence[str], folder: Path, controller: str, **settings: Any) -> Version:
@@ -137,15 +143,16 @@ class LeRobotController:
     """A LeRobot policy under one interface, batched, its noise drawn per episode. Satisfies `Controller`.
 
     Args:
+        hand: The hand.
         loaded: A policy with an interface.
         errors: What goes wrong with its plans.
     """
 
-    def __init__(self, loaded: LoadedPolicy, errors: CommandErrors = NO_ERRORS) -> None:
+    def __init__(self, hand: Hand, loaded: LoadedPolicy, errors: CommandErrors = NO_ERRORS) -> None:
         self._policy, self._preprocess, self._postprocess = loaded
         execution = self._policy.execution
         self._observer = ObservedInterface(execution.interface)
-        self._disturbed = DisturbedInterface(LEAP, self._observer, errors) if errors else None
+        self._disturbed = DisturbedInterface(hand, self._observer, errors) if errors else None
         execution.interface = self._disturbed or self._observer
         self._generators: list[torch.Generator] = []
 

@@ -29,13 +29,12 @@ from lerobot_dexflex.evaluation import rollout
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.hand.kinematics import fingertips
 from lerobot_dexflex.hand.model import robot_joints
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import HANDS, Hand
 from lerobot_dexflex.interfaces.method import Method, make_interface
-from lerobot_dexflex.recording.schema import FPS, columns
+from lerobot_dexflex.recording.schema import FPS, columns, robot_of, robot_type
 from lerobot_dexflex.recording.staging import RECORD_FILE
 from lerobot_dexflex.runs.provenance import Version, method_version
 
-_ARM = 7
 _PARQUET = "data/*/*.parquet"
 
 
@@ -44,26 +43,27 @@ class Demonstrations:
     """The actions of a recorded dataset and where they come from."""
 
     root: Path
+    hand: Hand
     task: str
     seeds: tuple[int, ...]
     """Environment seed of each episode."""
     actions: tuple[NDArray[np.float32], ...]
-    """23 joint targets [rad] and 12 commanded fingertips [m] per step. Shapes (steps, 35)."""
+    """Joint targets [rad] and commanded fingertips [m] per step. Shapes (steps, joints + 3 fingers)."""
     measured: tuple[NDArray[np.float32], ...]
     """Where the fingertips were one step after each action [m]; the last step repeats its own. Shapes
-    (steps, 12)."""
+    (steps, 3 fingers)."""
     expert: tuple[int, int]
     """Successes and attempts of the expert while recording; only successes were kept."""
 
     def played(self, draft: str) -> dict[int, NDArray[np.float32]]:
-        """Return by seed what is replayed: joint targets and fingertips, each of shape (steps, 35).
+        """Return by seed what is replayed: joint targets and fingertips, each as `actions`.
 
         Args:
             draft: Which fingertips, one of `DRAFTS`.
         """
         if draft == COMMANDED:
             return dict(zip(self.seeds, self.actions, strict=True))
-        joints = [actions[:, : len(robot_joints(LEAP))] for actions in self.actions]
+        joints = [actions[:, : -3 * self.hand.n_fingers] for actions in self.actions]
         parts = zip(joints, self.measured, strict=True)
         return dict(zip(self.seeds, (np.concatenate(both, 1) for both in parts), strict=True))
 
@@ -79,11 +79,12 @@ def load_demonstrations(root: Path) -> Demonstrations:
         if not file.is_file():
             raise DexFlexError(f"{root} is no dataset of dexflex-record: {file} not found. Check --root.")
     record, info = json.loads(record_file.read_text()), json.loads(info_file.read_text())
-    names = info["features"].get("action", {}).get("names")
-    if names != columns(LEAP, robot_joints(LEAP))["action"].names or info["fps"] != FPS:
+    names, robot = info["features"].get("action", {}).get("names"), info.get("robot_type")
+    ours = [robot_type(hand, robot_joints(hand)) for hand in HANDS.values()]
+    if robot not in ours or names != columns(*robot_of(robot))["action"].names or info["fps"] != FPS:
         raise DexFlexError(
-            f"{root} holds another robot or rate: robot_type {info.get('robot_type')!r}, {info['fps']} fps. "
-            f"Replay needs leap_xarm7 at {FPS} fps, with joint targets and commanded fingertips as action."
+            f"{root} holds another robot or rate: robot_type {robot!r}, {info['fps']} fps. Replay needs "
+            f"{' or '.join(ours)} at {FPS} fps, with joint targets and commanded fingertips as action."
         )
     files = sorted(root.glob(_PARQUET))
     tables = [pq.read_table(file, columns=["episode_index", "action", FINGERTIPS]) for file in files]
@@ -96,7 +97,8 @@ def load_demonstrations(root: Path) -> Demonstrations:
     expert = (record["expert"]["successes"], record["expert"]["attempts"])
     actions = tuple(values[index == k] for k in range(len(seeds)))
     measured = tuple(_one_step_later(tips[index == k]) for k in range(len(seeds)))
-    return Demonstrations(root, record["recipe"]["task"], seeds, actions, measured, expert)
+    hand, _ = robot_of(robot)
+    return Demonstrations(root, hand, record["recipe"]["task"], seeds, actions, measured, expert)
 
 
 def _one_step_later(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -107,7 +109,8 @@ class ReplayController:
     """Plays recorded actions through an interface; holds the last one when they end.
 
     Args:
-        actions: Joint targets [rad], then fingertips [m]. Shape (steps, 35).
+        hand: The hand that was recorded.
+        actions: Joint targets [rad], then fingertips [m]. Shape (steps, joints + 3 fingers).
         interface: `joint` executes the joint targets; the others read drafts that lead the fingertips, from
             wherever they are measured, to the recorded ones.
         errors: What goes wrong with the commands; those of joint targets are moved by as much.
@@ -116,10 +119,11 @@ class ReplayController:
     motion: Motion | None = None
 
     def __init__(
-        self, actions: NDArray[np.float32], interface: str, errors: CommandErrors = NO_ERRORS
+        self, hand: Hand, actions: NDArray[np.float32], interface: str, errors: CommandErrors = NO_ERRORS
     ) -> None:
+        self._hand = hand
         self._actions = torch.from_numpy(np.array(actions, np.float64))
-        self._interface = DisturbedInterface(LEAP, make_interface(LEAP, interface), errors)
+        self._interface = DisturbedInterface(hand, make_interface(hand, interface), errors)
         self._step = 0
 
     def reset(self, seeds: Sequence[int]) -> None:
@@ -131,22 +135,24 @@ class ReplayController:
         self._step = 0
 
     def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
-        """Return the next joint targets [rad]. Shape (1, 23)."""
+        """Return the next joint targets [rad]. Shape (1, joints)."""
         del task
         ahead = [min(self._step + k, len(self._actions) - 1) for k in range(DRAFT_HORIZON)]
-        joints, tips = self._actions[ahead].split([len(robot_joints(LEAP)), 12], dim=1)
+        hand, planned = self._hand, self._actions[ahead]
+        joints, tips = planned[:, : -3 * hand.n_fingers], planned[:, -3 * hand.n_fingers :]
         state = {
             key: torch.from_numpy(observation[name]).double()
             for name, key in LEROBOT_KEYS.items()
             if name in observation
         }
         if self._interface.command_space == "joint":
-            draft = joints[None, :, _ARM:]
+            draft = joints[None, :, -hand.n_joints :]
         else:
-            draft = tips.view(1, -1, 4, 3) - fingertips(LEAP, state[STATE][:, _ARM:])[:, None]
+            here = fingertips(hand, state[STATE][:, -hand.n_joints :])
+            draft = tips.reshape(1, -1, hand.n_fingers, 3) - here[:, None]
         self._step += 1
-        hand = self._interface.step(state, draft)
-        return torch.cat([joints[:1, :_ARM], hand], dim=1).numpy()
+        targets = self._interface.step(state, draft)
+        return torch.cat([joints[:1, : -hand.n_joints], targets], dim=1).numpy()
 
 
 @dataclass(frozen=True)
@@ -168,7 +174,12 @@ class Replays:
 
     def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "Replayer":
         """Replay through a method, with errors of the commands."""
-        return Replayer(_demonstrations(self.root).played(self.draft), method, errors)
+        return Replayer(self.hand, _demonstrations(self.root).played(self.draft), method, errors)
+
+    @property
+    def hand(self) -> Hand:
+        """The hand that was recorded."""
+        return _demonstrations(self.root).hand
 
     def check(self, methods: Sequence[str]) -> None:
         """Refuse what cannot run, before anything does.
@@ -194,15 +205,16 @@ class Replayer:
     """Replays, one at a time, the episode that was recorded from a seed. Satisfies `Controller`.
 
     Args:
+        hand: The hand that was recorded.
         actions: What was recorded, by seed.
         method: See `ReplayController`.
         errors: See `ReplayController`.
     """
 
     def __init__(
-        self, actions: Mapping[int, NDArray[np.float32]], method: str, errors: CommandErrors
+        self, hand: Hand, actions: Mapping[int, NDArray[np.float32]], method: str, errors: CommandErrors
     ) -> None:
-        self._actions, self._method, self._errors = actions, method, errors
+        self._hand, self._actions, self._method, self._errors = hand, actions, method, errors
 
     @property
     def motion(self) -> Motion | None:
@@ -211,11 +223,11 @@ class Replayer:
 
     def reset(self, seeds: Sequence[int]) -> None:
         """Start the episode of a seed."""
-        self._playing = ReplayController(self._actions[seeds[0]], self._method, self._errors)
+        self._playing = ReplayController(self._hand, self._actions[seeds[0]], self._method, self._errors)
         self._playing.reset(seeds)
 
     def act(self, observation: dict[str, Any], task: str) -> NDArray[np.floating]:
-        """Return the next joint targets [rad]. Shape (1, 23)."""
+        """Return the next joint targets [rad]. Shape (1, joints)."""
         return self._playing.act(observation, task)
 
 

@@ -13,6 +13,7 @@ from lerobot_dexflex.commands.families import CommandErrors
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.conditions import Condition
 from lerobot_dexflex.evaluation.outcome import Ended, Motion, Recorder
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.runs.provenance import Version
 
 
@@ -35,6 +36,11 @@ class Controller(Protocol):
 
 class Players(Hashable, Protocol):
     """Makes the controllers of methods, on one task, in worker processes; picklable."""
+
+    @property
+    def hand(self) -> Hand:
+        """The hand that they move."""
+        ...
 
     def __call__(self, method: str, errors: CommandErrors) -> Controller:
         """Load the controller of a method, whose commands go wrong by `errors`."""
@@ -107,17 +113,19 @@ def run_job(
         cameras: Whether the controller sees; without, it is faster.
     """
     environments = [
-        _environment(env_id, condition.disturbance, cameras or bool(watchers), row)
+        _environment(players.hand, env_id, condition.disturbance, cameras or bool(watchers), row)
         for row in range(len(seeds))
     ]
     return run_group(environments, _controller(players, method, condition.errors), seeds, watchers)
 
 
 @functools.cache
-def _environment(env_id: str, disturbance: str, cameras: bool, row: int) -> gymnasium.Env:
+def _environment(hand: Hand, env_id: str, disturbance: str, cameras: bool, row: int) -> gymnasium.Env:
     """Return this process's environment of a row; `reset` alone decides an episode, so it is re-used."""
     del row
-    options: dict[str, Any] = {} if disturbance == "none" else {"disturbance": disturbance}
+    options: dict[str, Any] = {"hand": hand}
+    if disturbance != "none":
+        options["disturbance"] = disturbance
     if cameras:
         return gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True, **options)
     return gymnasium.make(env_id, cameras=(), disable_env_checker=True, **options)

@@ -17,7 +17,7 @@ from lerobot_dexflex.evaluation.observed import ObservedInterface
 from lerobot_dexflex.evaluation.outcome import Motion
 from lerobot_dexflex.experts import expert_module, make_expert
 from lerobot_dexflex.experts.command import Command
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.method import Method, make_interface
 from lerobot_dexflex.runs.provenance import Version, method_version
 
@@ -32,6 +32,8 @@ class Teleoperators:
     `joint` executes the expert's own joints, bit for bit if nothing goes wrong; others read its drafts.
     """
 
+    hand: Hand
+    """The hand that is led."""
     task: str
     controller: str = ""
     """Folder or hub id of the controller for interfaces that need one; empty is the shipped one."""
@@ -58,7 +60,8 @@ class Teleoperators:
         own = (rollout.__name__, type(self).__module__, TASKS[task].module, expert_module(self.task))
         weights = parsed.weights(self.controller)
         source = {} if parsed.command_space == "joint" else {"source": self.source}
-        return method_version((*own, *parsed.modules), weights, method=parsed.name, **source, **settings)
+        settings |= {"method": parsed.name, "hand": self.hand.name, **source}
+        return method_version((*own, *parsed.modules), weights, **settings)
 
 
 class TeleoperatorController:
@@ -90,20 +93,20 @@ class TeleoperatorController:
         """Start one episode per seed."""
         self._seeds, self._commands, self._hands, self._last = seeds, [], [], {}
         while len(self._observers) < len(seeds):
-            interface = make_interface(LEAP, self._method, self._teleoperators.controller)
+            players = self._teleoperators
+            interface = make_interface(players.hand, self._method, players.controller)
             self._observers.append(ObservedInterface(interface))
 
     def see(self, environments: Sequence[gymnasium.Env]) -> None:
         """Look at the episodes that have just been reset; called once per episode, before the first step."""
-        expert, source = make_expert(self._teleoperators.task), self._teleoperators.source
+        players = self._teleoperators
+        expert, source = make_expert(players.task), players.source
         for row, (env, seed) in enumerate(zip(environments, self._seeds, strict=True)):
             self._commands.append(expert(env.unwrapped, np.random.default_rng((seed, _OWN))))
-            self._hands.append(
-                GlovedHand(env.unwrapped.hand, self._observers[row], self._errors, seed, source)
-            )
+            self._hands.append(GlovedHand(players.hand, self._observers[row], self._errors, seed, source))
 
     def act(self, observation: Mapping[str, Any], task: str) -> NDArray[np.floating]:
-        """Return joint targets [rad], shape (batch, 23); an expert that is done keeps its last command."""
+        """Return joint targets [rad] (batch, joints); an expert that is done keeps its last command."""
         del task
         actions = []
         for row, (commands, hand) in enumerate(zip(self._commands, self._hands, strict=True)):

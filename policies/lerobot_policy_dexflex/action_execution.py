@@ -7,27 +7,24 @@ from torch import Tensor
 
 from lerobot_dexflex.conventions import STATE, TACTILE
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces import Interface, Method
 from lerobot_policy_dexflex.chunk_execution import execute
 from lerobot_policy_dexflex.frame_index import FRAME_INDEX
-from lerobot_policy_dexflex.normalization import N_HAND_JOINTS, N_TIP_NUMBERS, action_columns, action_sizes
-
-_HAND = {
-    "joint": f"{N_HAND_JOINTS} of the hand",
-    "draft": f"{N_TIP_NUMBERS} fingertip coordinates in the palm frame [m]",
-}
+from lerobot_policy_dexflex.normalization import action_columns, action_sizes, tip_numbers
 
 
 class ActionExecution:
     """Turns actions into joint targets; every action needs the observation of its control step.
 
     Args:
+        hand: The hand.
         method: What the interface is.
         interface: Commands the hand.
     """
 
-    def __init__(self, method: Method, interface: Interface) -> None:
-        self.interface = interface
+    def __init__(self, hand: Hand, method: Method, interface: Interface) -> None:
+        self._hand, self.interface = hand, interface
         self._reads = (STATE, TACTILE) if _feels(method) else (STATE,)
 
     def reset(self, mask: Tensor | None = None) -> None:
@@ -50,17 +47,17 @@ class ActionExecution:
             DexFlexError: If the observation lacks a key or the action has another shape.
         """
         n_joints = self._check(observation, action)
-        n_arm, space = n_joints - N_HAND_JOINTS, self.interface.command_space
         observation = {key: value.to(action.device) for key, value in observation.items()}
         if FRAME_INDEX in observation:
             begins = observation[FRAME_INDEX].flatten() == 0
             if begins.any():
                 self.reset(None if begins.all() else begins)
         chunk = action if action.ndim == 3 else action[:, None]
-        columns = action_columns(n_joints, space, n_arm)
+        columns = action_columns(self._hand, n_joints, self.interface.command_space)
         if chunk.shape[-1] != len(columns):
             chunk = chunk[..., columns]
-        return execute(self.interface, n_arm, chunk, 0, observation)
+        n_arm = n_joints - self._hand.n_joints
+        return execute(self._hand, self.interface, n_arm, chunk, 0, observation)
 
     def _check(self, observation: Mapping[str, Tensor], action: Tensor) -> int:
         """Return the number of joints."""
@@ -70,21 +67,27 @@ class ActionExecution:
                 f"The interface {self.interface.name!r} reads {', '.join(self._reads)}, but the observation "
                 f"lacks {', '.join(missing)}. It has: {', '.join(sorted(observation)) or 'nothing'}.{blind}"
             )
-        state, space, shape = observation[STATE], self.interface.command_space, tuple(action.shape)
-        if state.ndim != 2 or state.shape[1] < N_HAND_JOINTS:
+        hand, state, shape = self._hand, observation[STATE], tuple(action.shape)
+        if state.ndim != 2 or state.shape[1] < hand.n_joints:
             raise DexFlexError(
-                f"{STATE!r} must have shape (batch, joints), the hand's {N_HAND_JOINTS} last [rad]. "
+                f"{STATE!r} must have shape (batch, joints), the hand's {hand.n_joints} last [rad]. "
                 f"Got {tuple(state.shape)}."
             )
         rows, n_joints = state.shape
-        part, whole = action_sizes(n_joints, space)
+        part, whole = action_sizes(hand, n_joints, self.interface.command_space)
         if action.ndim not in (2, 3) or shape[0] != rows or shape[-1] not in (part, whole):
             raise DexFlexError(
                 f"The action must have shape ({rows}, size) or ({rows}, steps, size) with size {part}: "
-                f"{n_joints - N_HAND_JOINTS} joint targets of the arm [rad], then {_HAND[space]}; or "
+                f"{n_joints - hand.n_joints} joint targets of the arm [rad], then {self._executed}; or "
                 f"{whole}: the whole action of a dataset. Got {shape}."
             )
         return n_joints
+
+    @property
+    def _executed(self) -> str:
+        if self.interface.command_space == "joint":
+            return f"{self._hand.n_joints} of the hand"
+        return f"{tip_numbers(self._hand)} fingertip coordinates in the palm frame [m]"
 
 
 def _feels(method: Method) -> bool:

@@ -14,10 +14,11 @@ from torch import Tensor
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.model import robot_joints
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import HANDS, Hand
 from lerobot_dexflex.recording.schema import FPS, columns, robot_type
 from lerobot_policy_dexflex.configuration_env import CAMERAS
 from lerobot_policy_dexflex.lerobot_command import renamed, told_environment
+from lerobot_policy_dexflex.normalization import tip_numbers
 
 Shapes = Mapping[str, tuple[int, ...]]
 """Shape of one sample of each feature, images as (channels, height, width)."""
@@ -30,29 +31,37 @@ def shapes(features: Mapping[str, PolicyFeature] | None) -> dict[str, tuple[int,
     return {key: tuple(feature.shape) for key, feature in (features or {}).items()}
 
 
-def check_dataset(meta: Any, inputs: Shapes) -> None:
+def check_dataset(hand: Hand, meta: Any, inputs: Shapes) -> None:
     """Compare a `LeRobotDatasetMetadata` with our robot and with what the policy reads.
 
     Args:
+        hand: The policy's.
         meta: Metadata of the training dataset; its features count under the names of --rename_map.
         inputs: What the policy reads.
 
     Raises:
         DexFlexError: If they differ; the message names the difference and the remedy.
     """
-    robots = {robot_type(LEAP, joints): joints for joints in (robot_joints(LEAP), LEAP.joint_names)}
+    robots = _robots(hand)
     if meta.robot_type not in robots:
+        others = [name for name, other in HANDS.items() if meta.robot_type in _robots(other)]
         raise DexFlexError(
-            f"The dataset's robot_type is {meta.robot_type!r}, but dexflex_flow drives "
-            f"{' or '.join(robots)}. {_REMEDY}"
+            f"The dataset's robot_type is {meta.robot_type!r}, but this policy drives "
+            f"{' or '.join(robots)}. "
+            + (f"Give --policy.hand={others[0]}, for a new policy." if others else _REMEDY)
         )
     if meta.fps != FPS:
         raise DexFlexError(f"The dataset runs at {meta.fps} fps, but the hand at {FPS}. {_REMEDY}")
     features = renamed(meta.features)
-    for key, column in columns(LEAP, robots[meta.robot_type]).items():
+    for key, column in columns(hand, robots[meta.robot_type]).items():
         _check_column(features, key, column.names, f"{column.meaning} [{column.unit}]")
     offered = shapes(dataset_to_policy_features(features))
     _compare(inputs, offered, "the dataset", _dataset_remedy(inputs, offered))
+
+
+def _robots(hand: Hand) -> dict[str, tuple[str, ...]]:
+    """Return the joints of the robots with a hand by their names."""
+    return {robot_type(hand, joints): joints for joints in (robot_joints(hand), hand.joint_names)}
 
 
 def unread(features: Mapping[str, Any], inputs: Shapes) -> list[str]:
@@ -80,52 +89,57 @@ def _check_column(features: Mapping[str, Any], key: str, names: list[str], meani
         raise DexFlexError(f"The dataset's {key!r} must have shape ({len(names)},). Got {shape}. {_REMEDY}")
 
 
-def check_told_environment(inputs: Shapes) -> None:
+def check_told_environment(hand: Hand, inputs: Shapes) -> None:
     """Compare what the policy reads with the environment that the running LeRobot command names, if any.
 
     Raises:
-        DexFlexError: If the environment does not offer it.
+        DexFlexError: If the environment has another hand, or does not offer it.
     """
     if environment := told_environment():
+        if getattr(environment, "hand", hand.name) != hand.name:
+            raise DexFlexError(
+                f"The policy moves the hand {hand.name!r}, but the environment has {environment.hand!r}. "
+                f"Give --env.hand={hand.name}, or another policy."
+            )
         offered = renamed(shapes(env_to_policy_features(environment)))
-        _compare(inputs, offered, f"the environment {environment.task}", _environment_remedy(inputs))
+        _compare(inputs, offered, f"the environment {environment.task}", _environment_remedy(hand, inputs))
 
 
-def check_observation(inputs: Shapes, batch: Mapping[str, Any]) -> None:
+def check_observation(hand: Hand, inputs: Shapes, batch: Mapping[str, Any]) -> None:
     """Compare what the policy reads with an observation.
 
     Raises:
         DexFlexError: If something is missing or has another shape.
     """
     tensors = {key: value for key, value in batch.items() if isinstance(value, Tensor)}
-    check_offer(inputs, {k: tuple(v.shape[1:]) for k, v in tensors.items() if k.startswith(OBS_STR)})
+    check_offer(hand, inputs, {k: tuple(v.shape[1:]) for k, v in tensors.items() if k.startswith(OBS_STR)})
 
 
-def check_offer(inputs: Shapes, offered: Shapes) -> None:
+def check_offer(hand: Hand, inputs: Shapes, offered: Shapes) -> None:
     """Compare what the policy reads with what an environment offers.
 
     Raises:
         DexFlexError: If something is missing or has another shape.
     """
-    _compare(inputs, offered, "the environment", _environment_remedy(inputs))
+    _compare(inputs, offered, "the environment", _environment_remedy(hand, inputs))
 
 
-def check_action(n_joints: int, n_tips: int, output_features: Mapping[str, PolicyFeature] | None) -> None:
+def check_action(hand: Hand, n_joints: int, output_features: Mapping[str, PolicyFeature] | None) -> None:
     """Refuse an environment that drives another number of joints than the policy.
 
     Args:
+        hand: The policy's.
         n_joints: Joints that the policy drives.
-        n_tips: Fingertip numbers that follow them in a dataset's action.
         output_features: LeRobot's: of the dataset in training, of the environment in evaluation.
 
     Raises:
         DexFlexError: If the action has another size.
     """
     feature = (output_features or {}).get(ACTION)
-    if feature is not None and tuple(feature.shape) not in ((n_joints,), (n_joints + n_tips,)):
+    if feature is not None and tuple(feature.shape) not in ((n_joints,), (n_joints + tip_numbers(hand),)):
         raise DexFlexError(
             f"The policy drives {n_joints} joints, but the action of this environment has shape "
-            f"{tuple(feature.shape)}. Valid --env.task: {_tasks_of(n_joints)}."
+            f"{tuple(feature.shape)}. It fits {_environments_of(hand, n_joints)}."
         )
 
 
@@ -174,12 +188,12 @@ def _dataset_remedy(inputs: Shapes, offered: Shapes) -> str:
     return f"{anew[0].upper()}{anew[1:]}."
 
 
-def _environment_remedy(inputs: Shapes) -> str:
+def _environment_remedy(hand: Hand, inputs: Shapes) -> str:
     """Say which environments of ours fit the policy."""
     images = {
         key.removeprefix(f"{OBS_IMAGES}."): s for key, s in inputs.items() if key.startswith(OBS_IMAGES)
     }
-    remedy = f"It fits --env.task={'|'.join(_tasks_of(*inputs.get(OBS_STATE, (0,))).split(', '))}"
+    remedy = f"It fits {_environments_of(hand, *inputs.get(OBS_STATE, (0,)))}"
     if strangers := sorted(set(images) - set(CAMERAS)):
         names = {
             f"{OBS_IMAGES}.{ours}": f"{OBS_IMAGES}.{key}" for ours, key in zip(CAMERAS, images, strict=False)
@@ -195,5 +209,6 @@ def _environment_remedy(inputs: Shapes) -> str:
     return f"{remedy}."
 
 
-def _tasks_of(n_joints: int) -> str:
-    return ", ".join(name for name, task in TASKS.items() if len(task.joints(LEAP)) == n_joints)
+def _environments_of(hand: Hand, n_joints: int) -> str:
+    tasks = "|".join(name for name, task in TASKS.items() if len(task.joints(hand)) == n_joints)
+    return f"--env.task={tasks} --env.hand={hand.name}"

@@ -8,7 +8,12 @@ from lerobot.optim import AdamWConfig
 
 from lerobot_dexflex.conventions import COMMANDED, DRAFTS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_policy_dexflex.configuration_shared import check_draft, check_interface, no_normalization
+from lerobot_policy_dexflex.configuration_shared import (
+    check_draft,
+    check_hand,
+    check_interface,
+    no_normalization,
+)
 
 NOT_TRAINED = (
     "dexflex_adapter is not trained. Train its backbone with --policy.type=act or another policy of LeRobot, "
@@ -28,6 +33,8 @@ class DexflexAdapterConfig(PreTrainedConfig):
     backbone_path: str = ""
     """Folder or hub id of the policy below: a `pretrained_model` of ACT or another policy that plans chunks
     from one observation."""
+    hand: str = "leap"
+    """The hand, a name of `lerobot_dexflex.hands`: that of the backbone's dataset and of the environment."""
     interface: str = "raw"
     """How the hand is commanded: `joint`, `raw`, `press`, `dexgen`, `dexflex` or another method of
     `lerobot_dexflex.interfaces`."""
@@ -49,6 +56,7 @@ class DexflexAdapterConfig(PreTrainedConfig):
             ParsingError: draccus hides the message of any ValueError from a configuration, but not this one.
         """
         super().__post_init__()
+        check_hand(self.hand)
         check_interface(self.interface)
         check_draft(self.draft, DRAFTS)
         if self.n_action_steps < 1:

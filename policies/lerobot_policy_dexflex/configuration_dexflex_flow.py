@@ -11,7 +11,12 @@ from lerobot_dexflex.conventions import DRAFTS
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.plan_parts import OLD_LAYOUT, PARTS, executed_part
 from lerobot_dexflex.interfaces import Method
-from lerobot_policy_dexflex.configuration_shared import check_draft, check_interface, no_normalization
+from lerobot_policy_dexflex.configuration_shared import (
+    check_draft,
+    check_hand,
+    check_interface,
+    no_normalization,
+)
 
 _INPUTS = ("observation.state", "observation.tactile", "observation.fingertips", "observation.gravity")
 _WHOLE_RUN = 1_000_000
@@ -27,6 +32,8 @@ class DexflexFlowConfig(PreTrainedConfig):
     """
 
     # What is learned and how it is executed
+    hand: str = "leap"
+    """The hand, a name of `lerobot_dexflex.hands`: that of the dataset and of the environment."""
     interface: str = "joint"
     """How the hand is commanded: `joint`, `raw`, `press`, `dexgen`, `dexflex` or another method of
     `lerobot_dexflex.interfaces`, such as `dexflex-notouch@0.7`. Switchable at evaluation: each executes its
@@ -119,6 +126,7 @@ class DexflexFlowConfig(PreTrainedConfig):
         super().__post_init__()
         if self.action_space:
             raise ParsingError(OLD_LAYOUT)
+        check_hand(self.hand)
         check_interface(self.interface)
         check_draft(self.draft, (*DRAFTS, ""))
         if isinstance(

@@ -6,6 +6,7 @@ from draccus.utils import ParsingError
 from lerobot.configs import NormalizationMode
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.interfaces import Method
 
 
@@ -18,6 +19,18 @@ def check_draft(name: str, valid: Sequence[str]) -> None:
     if name not in valid:
         empty = ", or empty" if "" in valid else ""
         raise ParsingError(f"`draft` must be {' or '.join(filter(None, valid))}{empty}. Got {name!r}.")
+
+
+def check_hand(name: str) -> None:
+    """Refuse a name that is no hand.
+
+    Raises:
+        ParsingError: draccus hides the message of any ValueError from a configuration, but not this one.
+    """
+    try:
+        get_hand(name)
+    except DexFlexError as error:
+        raise ParsingError(f"--policy.hand: {error}") from error
 
 
 def check_interface(name: str) -> None:

@@ -3,14 +3,15 @@
 import warnings
 from typing import Protocol
 
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.interfaces import Interface, Method
 from lerobot_dexflex.runs.provenance import weights_digest
 
 
 class LinkConfig(Protocol):
-    """The fields of a configuration that name an interface."""
+    """The fields of a configuration that name an interface and the hand that it serves."""
 
+    hand: str
     interface: str
     controller: str
     controller_digest: str
@@ -44,9 +45,9 @@ def open_interface(config: LinkConfig) -> tuple[Interface, str]:
     Raises:
         DexFlexError: If there is no such interface, or it needs a controller and there is none.
     """
-    method = Method.parse(config.interface)
+    method, hand = Method.parse(config.interface), get_hand(config.hand)
     if not method.learned:
-        return method.make(LEAP), ""
+        return method.make(hand), ""
     weights = method.weights(config.controller)
     folder, found, saved = (
         weights[0].parent,
@@ -57,4 +58,4 @@ def open_interface(config: LinkConfig) -> tuple[Interface, str]:
     if saved.startswith(f"{method.base}:") and saved != found:
         change = f"The controller {folder} ({found}) is not the one that this policy was saved with ({saved})"
     config.controller_digest = found
-    return method.make(LEAP, folder), change
+    return method.make(hand, folder), change

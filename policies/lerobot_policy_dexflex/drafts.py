@@ -51,12 +51,12 @@ def without_squeeze(planned: Tensor, tips: Tensor, touching: Tensor) -> Tensor:
     out of all steps. Fingers in the air keep their place.
 
     Args:
-        planned: Where fingertips should be [m]. Shape (batch, chunk, 12).
-        tips: Where they are when the plan begins [m]. Shape (batch, 12).
-        touching: Shape (batch, 4), bool.
+        planned: Where fingertips should be [m]. Shape (batch, chunk, 3 fingers).
+        tips: Where they are when the plan begins [m]. Shape (batch, 3 fingers).
+        touching: Shape (batch, fingers), bool.
     """
-    held, here = touching.double(), tips.double().unflatten(-1, (4, 3))
-    off = planned[:, :_BEGINNING].double().mean(1).unflatten(-1, (4, 3)) - here
+    held, here = touching.double(), tips.double().unflatten(-1, (-1, 3))
+    off = planned[:, :_BEGINNING].double().mean(1).unflatten(-1, (-1, 3)) - here
     squeeze = held[..., None] * (off - rigid_motion(off, here, held, _REGULAR))
     return planned - squeeze.flatten(1).to(planned.dtype)[:, None]
 
@@ -65,12 +65,12 @@ def tip_draft(planned: Tensor, step: int, horizon: int, tips: Tensor) -> Tensor:
     """Return where the fingertips should be next, relative to where they are measured now.
 
     Args:
-        planned: Absolute planned fingertips [m]. Shape (batch, chunk, 4, 3).
+        planned: Absolute planned fingertips [m]. Shape (batch, chunk, fingers, 3).
         step: Step of the chunk that is executed now.
         horizon: Steps of the draft.
-        tips: Fingertips, measured now [m]. Shape (batch, 4, 3).
+        tips: Fingertips, measured now [m]. Shape (batch, fingers, 3).
 
     Returns:
-        Offsets [m]. Shape (batch, horizon, 4, 3).
+        Offsets [m]. Shape (batch, horizon, fingers, 3).
     """
     return joint_draft(planned, step, horizon) - tips[:, None]

@@ -1,5 +1,6 @@
 """Turn one observation into a few tokens: images, touch and joints."""
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -7,7 +8,8 @@ from lerobot.policies.diffusion.modeling_diffusion import SpatialSoftmax
 from torch import Tensor, nn
 from torch.nn import functional
 
-FINGERS, TAXELS = 4, 60
+from lerobot_dexflex.hands import Hand
+
 IMAGE_TOKENS = 2
 """Tokens per camera; they come first."""
 
@@ -20,11 +22,11 @@ class Observation(NamedTuple):
     state: Tensor
     """Measured joints. Shape (batch, joints)."""
     fingertips: Tensor
-    """Measured fingertips, one scale per finger. Shape (batch, 4, 3)."""
+    """Measured fingertips, one scale per finger. Shape (batch, fingers, 3)."""
     gravity: Tensor
     """Unit vector in the palm frame. Shape (batch, 3)."""
     touch: Tensor
-    """Compressed taxel forces. Shape (batch, 4, 60)."""
+    """Compressed taxel forces. Shape (batch, fingers, taxels of a finger)."""
     touch_missing: Tensor
     """Rows whose touch is hidden. Shape (batch,), bool."""
 
@@ -64,16 +66,21 @@ class ImageEncoder(nn.Module):
 
 
 class TouchEncoder(nn.Module):
-    """One token per finger from its taxels, their total force and where the finger is."""
+    """One token per finger from its taxels, their total force and where the finger is.
 
-    def __init__(self, dim: int) -> None:
+    Args:
+        hand: The hand that feels.
+        dim: Width of the tokens.
+    """
+
+    def __init__(self, hand: Hand, dim: int) -> None:
         super().__init__()
-        self.finger = _mlp(TAXELS + 1 + 3, dim)
-        self.identity = nn.Parameter(torch.randn(FINGERS, dim) * 0.02)
-        self.missing = nn.Parameter(torch.zeros(FINGERS, dim))
+        self.finger = _mlp(math.prod(hand.taxels) + 1 + 3, dim)
+        self.identity = nn.Parameter(torch.randn(hand.n_fingers, dim) * 0.02)
+        self.missing = nn.Parameter(torch.zeros(hand.n_fingers, dim))
 
     def forward(self, touch: Tensor, fingertips: Tensor, missing: Tensor) -> Tensor:
-        """Return tokens (batch, 4, dim); see `Observation` for the arguments."""
+        """Return tokens (batch, fingers, dim); see `Observation` for the arguments."""
         # Taxels are compressed by a square root, so the sum of squares is the finger's total force.
         total = touch.square().sum(-1, keepdim=True).sqrt()
         tokens = self.finger(torch.cat([touch, total, fingertips], -1))
@@ -84,6 +91,7 @@ class ObservationEncoder(nn.Module):
     """All tokens of an observation.
 
     Args:
+        hand: The hand.
         image_shapes: Per camera key, (channels, height, width).
         state_dim: Number of measured joints.
         n_keypoints: Keypoints per camera.
@@ -91,15 +99,20 @@ class ObservationEncoder(nn.Module):
     """
 
     def __init__(
-        self, image_shapes: dict[str, tuple[int, ...]], state_dim: int, n_keypoints: int, dim: int
+        self,
+        hand: Hand,
+        image_shapes: dict[str, tuple[int, ...]],
+        state_dim: int,
+        n_keypoints: int,
+        dim: int,
     ) -> None:
         super().__init__()
         self.cameras = sorted(image_shapes)
         sizes = [image_shapes[key][1:] for key in self.cameras]
         self.image = nn.ModuleList(ImageEncoder(height, width, n_keypoints, dim) for height, width in sizes)
-        self.touch = TouchEncoder(dim)
-        self.body = _mlp(state_dim + FINGERS * 3 + 3, dim)
-        self.n_tokens = IMAGE_TOKENS * len(self.cameras) + FINGERS + 1
+        self.touch = TouchEncoder(hand, dim)
+        self.body = _mlp(state_dim + 3 * hand.n_fingers + 3, dim)
+        self.n_tokens = IMAGE_TOKENS * len(self.cameras) + hand.n_fingers + 1
         self.position = nn.Parameter(torch.randn(self.n_tokens, dim) * 0.02)
 
     def forward(self, observation: Observation) -> Tensor:

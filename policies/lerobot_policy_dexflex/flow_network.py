@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from lerobot_dexflex.hands import Hand
 from lerobot_policy_dexflex.encoders import IMAGE_TOKENS, Observation, ObservationEncoder
 
 LAST_TIME = 0.9
@@ -76,6 +77,7 @@ class FlowNetwork(nn.Module):
     """Clean chunk given a noisy one, its flow time and the observation.
 
     Args:
+        hand: The hand.
         image_shapes: Per camera key, (channels, height, width).
         state_dim: Number of measured joints.
         action_dim: Numbers per control step.
@@ -91,6 +93,7 @@ class FlowNetwork(nn.Module):
 
     def __init__(
         self,
+        hand: Hand,
         image_shapes: dict[str, tuple[int, ...]],
         state_dim: int,
         action_dim: int,
@@ -105,7 +108,7 @@ class FlowNetwork(nn.Module):
     ) -> None:
         super().__init__()
         self.n_heads = n_heads
-        self.observation = ObservationEncoder(image_shapes, state_dim, n_keypoints, dim)
+        self.observation = ObservationEncoder(hand, image_shapes, state_dim, n_keypoints, dim)
         self.norm = nn.LayerNorm(dim)
         self.key_value = nn.Linear(dim, 2 * dim)
         self.time = nn.Linear(_TIME_FEATURES, dim)

@@ -45,7 +45,7 @@ from torch import Tensor
 from lerobot_dexflex.conventions import COMMANDED, DRAFTS, FINGERTIPS, GRAVITY, STATE, TACTILE
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.interfaces import Interface, Method
 from lerobot_policy_dexflex.controller_link import open_interface
 from lerobot_policy_dexflex.frame_index import FRAME_INDEX
@@ -53,8 +53,6 @@ from lerobot_policy_dexflex.normalization import action_sizes
 
 OBSERVATION_STEP, INTERFACE_STEP = "dexflex_observation_processor", "dexflex_interface_processor"
 _KEYS = (STATE, TACTILE, FINGERTIPS, GRAVITY, FRAME_INDEX)
-_ROBOTS = sorted({len(task.joints(LEAP)) for task in TASKS.values()})
-"""Joints of our robots: the hand alone, arm and hand."""
 
 Features = dict[PipelineFeatureType, dict[str, PolicyFeature]]
 
@@ -119,6 +117,8 @@ class InterfaceProcessorStep(ProcessorStep):
     """Interface and content hash of the controller; set by the step. Empty accepts any."""
     link: str = "policy"
     """As that of the observation's step."""
+    hand: str = "leap"
+    """The hand, a name of `lerobot_dexflex.hands`."""
 
     def __post_init__(self) -> None:
         """Make the interface."""
@@ -133,7 +133,7 @@ class InterfaceProcessorStep(ProcessorStep):
                 f"{change}. Name the original with `controller`, a folder or hub id, or accept this one with "
                 f"an empty `controller_digest`, as overrides={{'{INTERFACE_STEP}': {{...}}}}."
             )
-        self._execution = ActionExecution(Method.parse(self.interface), interface)
+        self._execution = ActionExecution(get_hand(self.hand), Method.parse(self.interface), interface)
 
     @property
     def action_interface(self) -> Interface:
@@ -161,7 +161,7 @@ class InterfaceProcessorStep(ProcessorStep):
 
     def get_config(self) -> dict[str, str]:
         """Return what is saved: names and a hash."""
-        names = ("interface", "draft", "controller", "controller_digest", "link")
+        names = ("interface", "draft", "controller", "controller_digest", "link", "hand")
         return {name: getattr(self, name) for name in names}
 
     def reset(self, mask: Tensor | None = None) -> None:
@@ -172,9 +172,9 @@ class InterfaceProcessorStep(ProcessorStep):
         """Return the features with joint targets as the action."""
         actions = features.get(PipelineFeatureType.ACTION, {})
         feature = actions.get(ACTION)
-        space = self.action_interface.command_space
-        for n_joints in _ROBOTS:
-            if feature is not None and feature.shape[-1] in action_sizes(n_joints, space):
+        hand, space = get_hand(self.hand), self.action_interface.command_space
+        for n_joints in sorted({len(task.joints(hand)) for task in TASKS.values()}):
+            if feature is not None and feature.shape[-1] in action_sizes(hand, n_joints, space):
                 joints = {ACTION: replace(feature, shape=(n_joints,))}
                 return {**features, PipelineFeatureType.ACTION: {**actions, **joints}}
         return features
@@ -187,6 +187,7 @@ def set_interface(
     draft: str = COMMANDED,
     controller: str = "",
     link: str = "policy",
+    hand: str = "leap",
 ) -> InterfaceProcessorStep:
     """Put an interface into a policy's pipelines, in place of one that is there; returns its step.
 
@@ -197,11 +198,12 @@ def set_interface(
         draft: Which fingertips the policy learned.
         controller: Folder or hub id.
         link: Joins the two steps.
+        hand: Name of the hand.
 
     Raises:
         DexFlexError: If an option is none or the controller is missing.
     """
-    step = InterfaceProcessorStep(interface, draft, controller, link=link)
+    step = InterfaceProcessorStep(interface, draft, controller, link=link, hand=hand)
     before = [each for each in preprocessor.steps if not isinstance(each, RememberObservationProcessorStep)]
     after = [each for each in postprocessor.steps if not isinstance(each, InterfaceProcessorStep)]
     scaled = (k for k, each in enumerate(before) if isinstance(each, NormalizerProcessorStep))

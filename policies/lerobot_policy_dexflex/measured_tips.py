@@ -24,7 +24,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_policy_dexflex.lerobot_command import renamed
 
 NEXT_TIPS = "observation.next_fingertips"
-"""Measured fingertips one step after each step of the action [m]. Shape (batch, chunk, 12)."""
+"""Measured fingertips one step after each step of the action [m]. Shape (batch, chunk, 3 fingers)."""
 _lerobot_getitem = LeRobotDataset.__getitem__
 _columns: dict[Path, str] = {}
 _tips: "WeakKeyDictionary[DatasetReader, _Tips]" = WeakKeyDictionary()
@@ -77,7 +77,7 @@ class _Tips(NamedTuple):
     frames: Tensor
     """Number of every row in the whole dataset, ascending. Shape (rows,)."""
     values: Tensor
-    """[m]. Shape (rows, 12)."""
+    """[m]. Shape (rows, 3 fingers)."""
 
 
 def _next_tips(dataset: LeRobotDataset, item: Mapping[str, Any], column: str) -> Tensor:
@@ -108,7 +108,7 @@ def measured_tips(batch: Mapping[str, Tensor]) -> Tensor:
         batch: Holds `NEXT_TIPS`.
 
     Returns:
-        Shape (batch, chunk, 12).
+        Shape (batch, chunk, 3 fingers).
 
     Raises:
         DexFlexError: If `NEXT_TIPS` are missing: the loader is not the one that `add_measured_tips` prepared.

@@ -14,12 +14,13 @@ from torch import Tensor, nn
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.policy_files import check_policy_files
+from lerobot_dexflex.hands import Hand, get_hand
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
 from lerobot_policy_dexflex.compatibility import check_observation, check_offer, shapes
 from lerobot_policy_dexflex.configuration_dexflex_adapter import NOT_TRAINED, DexflexAdapterConfig
 from lerobot_policy_dexflex.controller_link import link_interface
 from lerobot_policy_dexflex.interface_steps import InterfaceProcessorStep
-from lerobot_policy_dexflex.normalization import N_HAND_JOINTS, N_TIP_NUMBERS, action_columns
+from lerobot_policy_dexflex.normalization import action_columns, tip_numbers
 
 
 class DexflexAdapterPolicy(PreTrainedPolicy):
@@ -48,11 +49,12 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
                 "Evaluate it with --env.type=dexflex."
             )
         (n_joints,) = offered[OBS_STATE]
+        hand = self._hand = get_hand(config.hand)
         settings = _backbone_config(config)
-        _check(settings, config, n_joints)
+        _check(hand, settings, config, n_joints)
         # Some policies of LeRobot declare cameras that they fill with blanks themselves.
         self._inputs = {k: s for k, s in shapes(settings.input_features).items() if "empty_camera" not in k}
-        check_offer(self._inputs, offered)
+        check_offer(hand, self._inputs, offered)
         if Path(config.backbone_path).is_dir():
             check_policy_files(Path(config.backbone_path))
         backbone = get_policy_class(settings.type).from_pretrained(config.backbone_path, config=settings)
@@ -68,9 +70,9 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
                 f"with --policy.path={config.backbone_path}, or name one without."
             )
         interface = link_interface(config)
-        n_arm = n_joints - N_HAND_JOINTS
-        self._columns = action_columns(n_joints, interface.command_space, n_arm)
-        self.execution = ChunkExecution(interface, n_arm, config.n_action_steps)
+        self._columns = action_columns(hand, n_joints, interface.command_space)
+        n_arm = n_joints - hand.n_joints
+        self.execution = ChunkExecution(hand, interface, n_arm, config.n_action_steps)
 
     def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return nothing: the adapter is not trained."""
@@ -116,7 +118,7 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
             DexFlexError: If the observation lacks an input of the backbone or has it in another shape.
         """
         if self.execution.due:
-            check_observation(self._inputs, batch)
+            check_observation(self._hand, self._inputs, batch)
             self.execution.begin(self.predict_action_chunk(batch))
         return self.execution.step(batch)
 
@@ -133,18 +135,19 @@ def _backbone_config(config: DexflexAdapterConfig) -> PreTrainedConfig:
     return settings
 
 
-def _check(backbone: PreTrainedConfig, config: DexflexAdapterConfig, n_joints: int) -> None:
+def _check(hand: Hand, backbone: PreTrainedConfig, config: DexflexAdapterConfig, n_joints: int) -> None:
     if isinstance(backbone, DexflexAdapterConfig) or backbone.type == "dexflex_flow":
         raise DexFlexError(
             f"The backbone is a {backbone.type}, which has its own interface. Load it as the policy, with "
             f"--policy.path={config.backbone_path} --policy.interface={config.interface}."
         )
     feature = (backbone.output_features or {}).get(ACTION)
-    wanted = (n_joints + N_TIP_NUMBERS,)
+    tips = tip_numbers(hand)
+    wanted = (n_joints + tips,)
     if feature is None or tuple(feature.shape) != wanted:
         got = None if feature is None else tuple(feature.shape)
         raise DexFlexError(
-            f"The backbone's action must have shape {wanted}: {n_joints} joint targets, then {N_TIP_NUMBERS} "
+            f"The backbone's action must have shape {wanted}: {n_joints} joint targets, then {tips} "
             f"numbers of fingertips. Got {got}. "
             "Train it on a dataset that `dexflex-record` recorded for this robot."
         )

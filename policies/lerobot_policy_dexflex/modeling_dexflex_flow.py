@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from lerobot_dexflex.conventions import FINGERTIPS, GRAVITY, MEASURED, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import get_hand
 from lerobot_dexflex.interfaces.grip import loads_of
 from lerobot_policy_dexflex.augmentation import jitter, shift_images, vary_light
 from lerobot_policy_dexflex.chunk_execution import ChunkExecution
@@ -34,7 +34,7 @@ from lerobot_policy_dexflex.encoders import Observation
 from lerobot_policy_dexflex.flow_network import LAST_TIME, FlowNetwork
 from lerobot_policy_dexflex.lerobot_command import renamed, resuming, worker_processes
 from lerobot_policy_dexflex.measured_tips import add_measured_tips
-from lerobot_policy_dexflex.normalization import N_HAND_JOINTS, N_TIP_NUMBERS, Normalization, compress_touch
+from lerobot_policy_dexflex.normalization import Normalization, compress_touch
 from lerobot_policy_dexflex.plan import PlanLayout, PlanScale
 from lerobot_policy_dexflex.weights import load_weights
 
@@ -73,18 +73,20 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         del kwargs
         super().__init__(config)
         config.validate_features()
-        part = config.executed_part()
+        hand, part = get_hand(config.hand), config.executed_part()
+        self._hand = hand
         self._inputs = shapes(config.input_features)
         (n_joints,) = self._inputs[OBS_STATE]
         if dataset_meta is not None:
             self._use_dataset(dataset_meta)
-        check_told_environment(self._inputs)
-        check_action(n_joints, N_TIP_NUMBERS, config.output_features)
-        self.plan = PlanLayout(n_joints - N_HAND_JOINTS, config.learns)
+        check_told_environment(hand, self._inputs)
+        check_action(hand, n_joints, config.output_features)
+        self.plan = PlanLayout(hand, n_joints - hand.n_joints, config.learns)
         self._part, self._executed = part, self.plan.columns(part)
-        self.normalization = Normalization(n_joints)
+        self.normalization = Normalization(hand, n_joints)
         self.scale = PlanScale(config.chunk_size, self.plan)
         self.network = FlowNetwork(
+            hand,
             {key: tuple(feature.shape) for key, feature in config.image_features.items()},
             n_joints,
             self.plan.size,
@@ -104,12 +106,12 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         noise[: self.plan.n_arm] = config.arm_noise
         self.register_buffer("joint_noise", noise, persistent=False)
         interface = link_interface(config)
-        self.execution = ChunkExecution(interface, self.plan.n_arm, config.n_action_steps)
+        self.execution = ChunkExecution(hand, interface, self.plan.n_arm, config.n_action_steps)
         if dataset_stats is not None:
             self.begin_training(dataset_stats)
 
     def _use_dataset(self, meta: Any) -> None:
-        check_dataset(meta, self._inputs)
+        check_dataset(self._hand, meta, self._inputs)
         self.config.tasks = [str(task) for task in meta.tasks.index]
         if self.config.cache_dataset:
             left_out = unread(meta.features, self._inputs)
@@ -230,9 +232,9 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         return Observation(
             images,
             normalize.state(state),
-            normalize.fingertips(tips).unflatten(-1, (4, 3)),
+            normalize.fingertips(tips).unflatten(-1, (self._hand.n_fingers, 3)),
             batch[GRAVITY],
-            compress_touch(batch[TACTILE], config.taxel_full_scale),
+            compress_touch(self._hand, batch[TACTILE], config.taxel_full_scale),
             missing,
         )
 
@@ -277,7 +279,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         chunk = self.predict_plan(batch, noise)[..., self._executed]
         if self._part != MEASURED:
             return chunk
-        n_arm, touching = self.plan.n_arm, loads_of(LEAP, batch[TACTILE]) > CONTACT_FORCE
+        n_arm, touching = self.plan.n_arm, loads_of(self._hand, batch[TACTILE]) > CONTACT_FORCE
         tips = without_squeeze(chunk[..., n_arm:], batch[FINGERTIPS], touching)
         return torch.cat([chunk[..., :n_arm], tips], -1)
 
@@ -295,7 +297,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
             DexFlexError: If the observation lacks an input or has it in another shape.
         """
         if self.execution.due:
-            check_observation(self._inputs, batch)
+            check_observation(self._hand, self._inputs, batch)
             warn_of_another_task(self.config.tasks, batch.get("task"))
             self.execution.begin(self.predict_action_chunk(batch, noise))
         return self.execution.step(batch)

@@ -7,16 +7,13 @@ import torch
 from torch import Tensor, nn
 
 from lerobot_dexflex.conventions import FINGERTIPS, STATE
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.protocol import CommandSpace
 
 MIN_ANGLE_STD = 0.01
 """A joint that hardly moves in the data is not blown up to unit scale [rad]."""
 MIN_LENGTH_STD = 0.002
 """The same for fingertips [m]."""
-N_HAND_JOINTS = LEAP.n_joints
-N_TIP_NUMBERS = 12
-"""Coordinates of the fingertips, which follow the joint targets in a dataset's action."""
 
 
 class Normalizer(nn.Module):
@@ -57,13 +54,14 @@ class Normalization(nn.Module):
     """Normalizers of measured joints and fingertips.
 
     Args:
+        hand: The hand.
         n_joints: Joints of the robot, arm and hand.
     """
 
-    def __init__(self, n_joints: int) -> None:
+    def __init__(self, hand: Hand, n_joints: int) -> None:
         super().__init__()
         self.state = Normalizer(n_joints, 0)
-        self.fingertips = Normalizer(0, 4)
+        self.fingertips = Normalizer(0, hand.n_fingers)
 
     def fit(self, stats: Mapping[str, Mapping[str, Any]]) -> None:
         """Take over LeRobot's dataset statistics (`mean` and `std` per feature)."""
@@ -72,27 +70,32 @@ class Normalization(nn.Module):
             normalizer.fit(mean, std)
 
 
-def action_columns(n_joints: int, command_space: CommandSpace, n_arm: int) -> list[int]:
+def tip_numbers(hand: Hand) -> int:
+    """Return how many coordinates of fingertips follow the joint targets in a dataset's action."""
+    return 3 * hand.n_fingers
+
+
+def action_columns(hand: Hand, n_joints: int, command_space: CommandSpace) -> list[int]:
     """Return what an interface executes of a dataset's action: all joints, or arm joints and fingertips."""
     if command_space == "joint":
         return list(range(n_joints))
-    return [*range(n_arm), *range(n_joints, n_joints + N_TIP_NUMBERS)]
+    return [*range(n_joints - hand.n_joints), *range(n_joints, n_joints + tip_numbers(hand))]
 
 
-def action_sizes(n_joints: int, command_space: CommandSpace = "draft") -> tuple[int, int]:
+def action_sizes(hand: Hand, n_joints: int, command_space: CommandSpace = "draft") -> tuple[int, int]:
     """Return the sizes of an action: of what an interface executes, and of a dataset's whole action."""
-    columns = action_columns(n_joints, command_space, n_joints - N_HAND_JOINTS)
-    return len(columns), n_joints + N_TIP_NUMBERS
+    return len(action_columns(hand, n_joints, command_space)), n_joints + tip_numbers(hand)
 
 
-def compress_touch(taxels: Tensor, full_scale: float) -> Tensor:
+def compress_touch(hand: Hand, taxels: Tensor, full_scale: float) -> Tensor:
     """Scale taxel forces [N] by a fixed full scale and take the root, which resolves light touch.
 
     Args:
-        taxels: Shape (batch, 240) [N].
+        hand: The hand that feels.
+        taxels: Shape (batch, fingers * taxels of a finger) [N].
         full_scale: Force that becomes 1 [N].
 
     Returns:
-        Shape (batch, 4, 60), never negative.
+        Shape (batch, fingers, taxels of a finger), never negative.
     """
-    return (taxels.clamp(min=0) / full_scale).sqrt().unflatten(-1, (4, -1))
+    return (taxels.clamp(min=0) / full_scale).sqrt().unflatten(-1, (hand.n_fingers, -1))

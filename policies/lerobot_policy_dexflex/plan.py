@@ -3,7 +3,7 @@
 ::
 
     | arm joints [rad] | joint: hand joints [rad] | commanded: fingertips [m] | measured: fingertips [m] |
-    |      n_arm       |            16            |            12             |            12            |
+    |      n_arm       |          joints          |         3 fingers         |        3 fingers         |
 
 Parts that are not learned are left out. All numbers are absolute. Relative to where the robot is, plans are
 easier to predict, and worse to execute: in demonstrations the arm is already where the tool makes it go, so
@@ -20,8 +20,9 @@ from torch import Tensor, nn
 
 from lerobot_dexflex.conventions import COMMANDED, MEASURED
 from lerobot_dexflex.evaluation.plan_parts import JOINT, PARTS
+from lerobot_dexflex.hands import Hand
 from lerobot_policy_dexflex.measured_tips import measured_tips
-from lerobot_policy_dexflex.normalization import N_HAND_JOINTS, N_TIP_NUMBERS
+from lerobot_policy_dexflex.normalization import tip_numbers
 
 MIN_ANGLE_STD = 0.001
 """A joint that hardly moves in the data is not blown up to unit scale [rad]."""
@@ -35,18 +36,19 @@ class PlanLayout:
     """Which numbers a plan holds.
 
     Args:
+        hand: The hand.
         n_arm: Joints of the arm.
         learns: Learned parts of the hand.
     """
 
-    def __init__(self, n_arm: int, learns: Sequence[str]) -> None:
-        self.n_arm = n_arm
+    def __init__(self, hand: Hand, n_arm: int, learns: Sequence[str]) -> None:
+        self._hand, self.n_arm = hand, n_arm
         self._slices: dict[str, slice] = {}
         self.size = n_arm
         for part in PARTS:
             if part in learns:
                 begin = self.size
-                self.size += N_HAND_JOINTS if part == JOINT else N_TIP_NUMBERS
+                self.size += hand.n_joints if part == JOINT else tip_numbers(hand)
                 self._slices[part] = slice(begin, self.size)
 
     def targets(self, batch: Mapping[str, Any]) -> Tensor:
@@ -55,13 +57,13 @@ class PlanLayout:
         Reads nothing of what is not learned, which may be missing from demonstrations, or NaN.
 
         Args:
-            batch: Holds `action` (batch, chunk, joints + 12); the measured fingertips if these are learned.
+            batch: Holds `action` (batch, chunk, joints + tips); the measured fingertips if these are learned.
 
         Raises:
             DexFlexError: If the measured fingertips are missing.
         """
         action = batch[ACTION]
-        n_joints = self.n_arm + N_HAND_JOINTS
+        n_joints = self.n_arm + self._hand.n_joints
         parts = {
             JOINT: lambda: action[..., self.n_arm : n_joints],
             COMMANDED: lambda: action[..., n_joints:],

@@ -9,6 +9,7 @@ from gymnasium import spaces
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.outcome import Motion
+from lerobot_dexflex.hands import LEAP, Hand
 from lerobot_dexflex.runs.provenance import Version
 
 NAMESPACE, TASKS = "dexflex_fake", ("Count-v0", "Recount-v0")
@@ -34,7 +35,8 @@ class CountEnv(gymnasium.Env):
     )
     action_space = spaces.Box(-10, 10, (2,), np.float32)
 
-    def __init__(self, render_mode=None, cameras=("front",), disturbance="none"):
+    def __init__(self, render_mode=None, cameras=("front",), disturbance="none", hand=LEAP):
+        self.hand = hand
         self.render_mode, self.disturbance = render_mode, disturbance
 
     def reset(self, *, seed=None, options=None):
@@ -105,6 +107,7 @@ class FakeController:
 class FakePlayers:
     weights: tuple[tuple[str, str], ...] = ()
     """Of methods that are not `a`."""
+    hand: Hand = LEAP
 
     def __call__(self, method, errors):
         return FakeController(method)

@@ -42,13 +42,13 @@ def compare(players, method, cameras, seed=0):
 def policy():
     from lerobot_dexflex.evaluation.policies import LeRobotPolicies
 
-    return compare(LeRobotPolicies(Path(sys.argv[3])), "dexflex", cameras=True)
+    return compare(LeRobotPolicies(LEAP, Path(sys.argv[3])), "dexflex", cameras=True)
 
 
 def operator():
     from lerobot_dexflex.evaluation.teleoperators import Teleoperators
 
-    return compare(Teleoperators("PlaceHammer-v0"), "press", cameras=False)
+    return compare(Teleoperators(LEAP, "PlaceHammer-v0"), "press", cameras=False)
 
 
 def replay():

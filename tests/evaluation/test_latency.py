@@ -4,6 +4,7 @@ import pytest
 
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation import latency
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 
 
@@ -35,21 +36,21 @@ def test_percentiles_are_of_the_steps_after_the_warm_up():
     slow = Slow(clock, [*warm, *range(100, -1, -1)])
     even = Slow(clock, [*warm, *[0.5] * 101])
     interfaces: Any = {"slow": slow, "even": even}
-    found = latency.measure(interfaces, 101, clock)
+    found = latency.measure(LEAP, interfaces, 101, clock)
     assert found["slow"] == pytest.approx((50, 95, 99))
     assert found["even"] == pytest.approx((0.5, 0.5, 0.5))
 
 
 def test_interfaces_are_timed_as_they_run_by_default(networks):
-    found = latency.interfaces_at_defaults(networks)
+    found = latency.interfaces_at_defaults(LEAP, networks)
     assert list(found) == ["raw", "dexgen", "dexflex, 36 candidates", "dexflex, 64 candidates"]
-    assert set(latency.measure(found, 1)) == set(found)
+    assert set(latency.measure(LEAP, found, 1)) == set(found)
 
 
 def test_the_grid_counts_the_draft_among_the_candidates(networks, monkeypatch):
     seen = {}
     monkeypatch.setattr(latency, "measure", lambda made, steps: seen.update(made) or dict.fromkeys(made))
-    assert set(latency.grid(networks, 1, (4, 7), (1, 2))) == {(4, 1), (4, 2), (7, 1), (7, 2)}
+    assert set(latency.grid(LEAP, networks, 1, (4, 7), (1, 2))) == {(4, 1), (4, 2), (7, 1), (7, 2)}
     for name, interface in seen.items():
         assert isinstance(interface, DexFlexInterface)
         settings = interface.settings

@@ -19,7 +19,7 @@ from lerobot_dexflex.interfaces.method import make_interface
 @pytest.fixture(scope="module")
 def policies(policy_checkpoint):
     """One checkpoint with random weights under all methods; fingertips of plans start from measured ones."""
-    return LeRobotPolicies(policy_checkpoint)
+    return LeRobotPolicies(LEAP, policy_checkpoint)
 
 
 def observation(rows):
@@ -131,7 +131,7 @@ def test_a_byte_in_any_module_that_plays_changes_the_version(policies, monkeypat
 
 def test_a_method_can_have_a_checkpoint_of_its_own(policies, make_policy_checkpoint):
     nowhere = Path("/nowhere")
-    both = LeRobotPolicies(nowhere, own=(("raw", policies.policy), ("press", policies.policy)))
+    both = LeRobotPolicies(LEAP, nowhere, own=(("raw", policies.policy), ("press", policies.policy)))
     both.check(["raw", "press"])  # The shared checkpoint is not needed.
     assert both.version("raw", "PourCup-v0") == policies.version("raw", "PourCup-v0")
     np.testing.assert_array_equal(act(both("raw"), [5]), act(policies("raw"), [5]))
@@ -165,7 +165,7 @@ def test_a_comparison_without_its_controller_is_refused(policies, tmp_path):
 def test_the_card_of_a_checkpoint_is_not_its_version_but_its_configuration_is(policies, tmp_path):
     shutil.copytree(policies.policy, tmp_path, dirs_exist_ok=True)
     config = json.loads((policies.policy / "config.json").read_text())
-    copied = LeRobotPolicies(tmp_path)
+    copied = LeRobotPolicies(LEAP, tmp_path)
     (tmp_path / "config.json").write_text(json.dumps(config))
     before = copied.version("raw", "PourCup-v0")
     (tmp_path / "README.md").write_text("A card.")
@@ -188,7 +188,7 @@ def test_a_part_that_was_not_learned_is_refused_with_the_choices(
     shutil.copytree(policies.policy, tmp_path, dirs_exist_ok=True)
     config = json.loads((tmp_path / "config.json").read_text())
     (tmp_path / "config.json").write_text(json.dumps(config | {"learns": learns}))
-    players = LeRobotPolicies(tmp_path, draft)
+    players = LeRobotPolicies(LEAP, tmp_path, draft)
     for refused in (
         players.check,
         lambda names: players.version(names[0], "PourCup-v0"),
@@ -199,7 +199,7 @@ def test_a_part_that_was_not_learned_is_refused_with_the_choices(
 
 
 def test_commanded_fingertips_are_executed_where_only_they_were_learned(make_policy_checkpoint):
-    players = LeRobotPolicies(make_policy_checkpoint(learns=["commanded"]))
+    players = LeRobotPolicies(LEAP, make_policy_checkpoint(learns=["commanded"]))
     assert "executes=commanded" in players.version("raw", "PourCup-v0").settings
     assert act(players("raw"), [5], steps=1).shape == (1, 1, 23)
 
@@ -216,9 +216,9 @@ def test_a_checkpoint_of_the_old_layout_is_refused_with_the_command_that_trains_
         r"one policy learned all parts.*Train again: lerobot-train --config_path=configs/policy/place_ham"
     )
     with pytest.raises(DexFlexError, match=message):
-        LeRobotPolicies(tmp_path).check(["raw"])
+        LeRobotPolicies(LEAP, tmp_path).check(["raw"])
     with pytest.raises(DexFlexError, match=message):
-        LeRobotPolicies(tmp_path)("raw")
+        LeRobotPolicies(LEAP, tmp_path)("raw")
     with pytest.raises(ParsingError, match=message):
         PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=["--interface=raw"])
 
@@ -227,12 +227,12 @@ def test_a_checkpoint_of_another_policy_is_not_ours(policies, tmp_path):
     shutil.copytree(policies.policy, tmp_path, dirs_exist_ok=True)
     (tmp_path / "config.json").write_text('{"type": "act"}')
     with pytest.raises(DexFlexError, match=r"type 'act', not 'dexflex_flow'. Give it as --backbone="):
-        LeRobotPolicies(tmp_path).check(["raw"])
+        LeRobotPolicies(LEAP, tmp_path).check(["raw"])
 
 
 def test_a_missing_checkpoint_says_how_to_train_it(tmp_path):
     with pytest.raises(DexFlexError, match=r"No checkpoint at .*lerobot-train --config_path=configs/policy/"):
-        LeRobotPolicies(tmp_path).check(["joint", "raw"])
+        LeRobotPolicies(LEAP, tmp_path).check(["joint", "raw"])
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]"])
@@ -240,7 +240,7 @@ def test_a_damaged_configuration_is_refused_by_its_name(policies, tmp_path, text
     shutil.copytree(policies.policy, tmp_path, dirs_exist_ok=True)
     (tmp_path / "config.json").write_text(text)
     with pytest.raises(DexFlexError, match=r"config\.json is damaged"):
-        LeRobotPolicies(tmp_path).check(["raw"])
+        LeRobotPolicies(LEAP, tmp_path).check(["raw"])
 
 
 def drafts(controller, steps=18):

@@ -7,6 +7,7 @@ import pytest
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.policies import AdaptedPolicies, LeRobotPolicies, load_checkpoint
 from lerobot_dexflex.evaluation.policy_files import POLICY_FILES, check_policy_files
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import Method
 
 SHIPPED = Path(__file__).parents[2] / "policies/checkpoints"
@@ -21,7 +22,7 @@ def folder(policy_checkpoint, tmp_path):
 def test_every_shipped_policy_is_whole():
     for file in SHIPPED.glob("*/policy_preprocessor.json"):
         check_policy_files(file.parent)
-        LeRobotPolicies(file.parent).check(["joint", "raw"])
+        LeRobotPolicies(LEAP, file.parent).check(["joint", "raw"])
 
 
 @pytest.mark.parametrize("name", [*POLICY_FILES, STATE])
@@ -36,11 +37,11 @@ def test_a_checkpoint_with_a_damaged_file_is_refused_by_the_files_name(folder, n
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
         check_policy_files(folder)
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
-        LeRobotPolicies(folder).check(["raw"])
+        LeRobotPolicies(LEAP, folder).check(["raw"])
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
-        AdaptedPolicies(folder).check(["raw"])
+        AdaptedPolicies(LEAP, folder).check(["raw"])
     with pytest.raises(DexFlexError, match=name.replace(".", r"\.")):
-        load_checkpoint(folder, Method.parse("raw"), "cpu")
+        load_checkpoint(LEAP, folder, Method.parse("raw"), "cpu")
 
 
 @pytest.mark.parametrize("text", ["[]", "null", '"raw"'])
@@ -61,4 +62,4 @@ def test_a_setting_of_another_version_is_refused_by_its_name(folder):
     settings = json.loads((folder / "config.json").read_text())
     (folder / "config.json").write_text(json.dumps(settings | {"speed": 3}))
     with pytest.raises(DexFlexError, match=r"config\.json .*speed"):
-        load_checkpoint(folder, Method.parse("raw"), "cpu")
+        load_checkpoint(LEAP, folder, Method.parse("raw"), "cpu")

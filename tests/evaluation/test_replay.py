@@ -56,7 +56,7 @@ def write(root, actions):
 
 
 def play(actions, interface, steps):
-    controller = ReplayController(actions, interface)
+    controller = ReplayController(LEAP, actions, interface)
     controller.reset([0])
     return controller, np.concatenate([controller.act({"agent_pos": STATE}, "task") for _ in range(steps)])
 
@@ -68,7 +68,7 @@ def test_joint_replays_the_recorded_targets_and_then_holds_the_last(actions):
 
 
 def test_raw_asks_for_the_recorded_fingertips_from_wherever_the_hand_is_measured(actions):
-    controller = ReplayController(actions, "raw")
+    controller = ReplayController(LEAP, actions, "raw")
     controller.reset([0])
     for k, state in enumerate((STATE, STATE + 0.1, STATE - 0.05)):
         played = controller.act({"agent_pos": state}, "task")
@@ -84,7 +84,7 @@ def test_raw_reproduces_the_fingertips_that_were_recorded():
     table = pq.read_table(next((ROOT / "datasets/place_hammer").glob("data/*/*.parquet")))
     first = table["episode_index"].to_numpy() == 0
     recorded, states = (np.stack(table[key].to_numpy()[first]) for key in ("action", "observation.state"))
-    controller = ReplayController(recorded, "raw")
+    controller = ReplayController(LEAP, recorded, "raw")
     controller.reset([0])
     played = np.concatenate([controller.act({"agent_pos": state[None]}, "task") for state in states])
     np.testing.assert_allclose(played[:, :7], recorded[:, :7], atol=1e-6)
@@ -95,7 +95,7 @@ def test_raw_reproduces_the_fingertips_that_were_recorded():
 
 
 def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):
-    controller = ReplayController(actions, "raw", CommandErrors.of(noise=0.004))
+    controller = ReplayController(LEAP, actions, "raw", CommandErrors.of(noise=0.004))
     controller.reset([3])
     drafts = []
     raw = controller._interface.inner
@@ -113,7 +113,7 @@ def test_a_draft_looks_ahead_and_meets_every_error_once(actions, monkeypatch):
 
 
 def test_a_controller_replays_with_touch(actions):
-    controller = ReplayController(actions, "dexflex")
+    controller = ReplayController(LEAP, actions, "dexflex")
     controller.reset([0])
     tips = fingertips(LEAP, torch.as_tensor(STATE[:, 7:], dtype=torch.float64))
     seen = {

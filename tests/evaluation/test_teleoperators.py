@@ -41,7 +41,7 @@ def act(controller, envs, seeds, steps):
 
 def test_without_a_glove_joint_is_what_the_expert_does_bit_for_bit():
     (env,) = environments(1)
-    actions = act(Teleoperators(TASK)("joint"), [env], [7], 60)[:, 0]
+    actions = act(Teleoperators(LEAP, TASK)("joint"), [env], [7], 60)[:, 0]
     env.reset(seed=7)
     commands = make_expert(TASK)(env.unwrapped, np.random.default_rng((7, 2)))
     for action in actions:
@@ -51,7 +51,7 @@ def test_without_a_glove_joint_is_what_the_expert_does_bit_for_bit():
 
 
 def test_a_teleoperator_without_a_glove_solves_its_task_and_its_motion_is_told():
-    controller = Teleoperators(TASK, source="pressing")("raw")
+    controller = Teleoperators(LEAP, TASK, source="pressing")("raw")
     [recorder] = run_group(environments(1), controller, [7])
     assert recorder.success
     assert controller.motion is not None
@@ -59,13 +59,13 @@ def test_a_teleoperator_without_a_glove_solves_its_task_and_its_motion_is_told()
 
 
 def test_drafts_of_motion_alone_hold_nothing():
-    [recorder] = run_group(environments(1), Teleoperators(TASK, source="motion")("raw"), [7])
+    [recorder] = run_group(environments(1), Teleoperators(LEAP, TASK, source="motion")("raw"), [7])
     assert not recorder.success
 
 
 @pytest.mark.parametrize("interface", ["raw", "press"])
 def test_rows_have_their_own_glove_and_interface(interface):
-    controller = Teleoperators(TASK)(interface, CommandErrors.of(noise=0.004))
+    controller = Teleoperators(LEAP, TASK)(interface, CommandErrors.of(noise=0.004))
     envs = environments(2)
     both = act(controller, envs, [7, 8], 6)
     alone = [act(controller, [env], [seed], 6)[:, 0] for env, seed in zip(envs, (7, 8), strict=True)]
@@ -78,7 +78,7 @@ def test_rows_have_their_own_glove_and_interface(interface):
 def test_the_glove_shakes_the_hand_by_its_noise_and_not_the_arm():
     envs = environments(1)
     steady, shaken = (
-        act(Teleoperators(TASK)("raw", errors), envs, [7], 12)[:, 0]
+        act(Teleoperators(LEAP, TASK)("raw", errors), envs, [7], 12)[:, 0]
         for errors in (NO_ERRORS, CommandErrors.of(noise=0.004))
     )
     # The arm follows the expert, which sees the shaken hand's object only after the grasp.
@@ -91,7 +91,7 @@ def test_a_person_in_the_glove_leads_joints_and_drafts_and_is_drawn_by_the_seed(
     envs, errors = environments(1), CommandErrors.parse("novice")
     for interface in ("joint", "raw"):
         steady, first, again, other = (
-            act(Teleoperators(TASK)(interface, wrong), envs, [seed], 12)[:, 0]
+            act(Teleoperators(LEAP, TASK)(interface, wrong), envs, [seed], 12)[:, 0]
             for wrong, seed in ((NO_ERRORS, 7), (errors, 7), (errors, 7), (errors, 8))
         )
         np.testing.assert_array_equal(first, again)
@@ -107,31 +107,33 @@ def test_an_expert_that_is_done_keeps_its_last_command(monkeypatch):
             yield Command(joints, joints, np.tile(fingertips_of(LEAP, joints[7:]), (8, 1, 1)))
 
     monkeypatch.setattr(teleoperators, "make_expert", lambda task: brief)
-    actions = act(Teleoperators(TASK)("raw"), environments(1), [7], 4)[:, 0]
+    actions = act(Teleoperators(LEAP, TASK)("raw"), environments(1), [7], 4)[:, 0]
     assert np.abs(actions[1] - actions[0]).max() > 1e-3
     np.testing.assert_allclose(actions[2:, :7], actions[[1, 1], :7], atol=1e-12)
     np.testing.assert_allclose(actions[2:, 7:], actions[[1, 1], 7:], atol=5e-3)
 
 
 def test_what_cannot_run_is_refused_early(controller_folder, tmp_path):
-    Teleoperators(TASK, str(controller_folder)).check(["raw", "dexflex"])
-    Teleoperators(TASK).check(["raw", "joint"])
+    Teleoperators(LEAP, TASK, str(controller_folder)).check(["raw", "dexflex"])
+    Teleoperators(LEAP, TASK).check(["raw", "joint"])
     with pytest.raises(DexFlexError, match="Unknown interface 'telepathy'"):
-        Teleoperators(TASK).check(["raw", "telepathy"])
+        Teleoperators(LEAP, TASK).check(["raw", "telepathy"])
     with pytest.raises(DexFlexError, match="No expert for task 'Reach-v0'"):
-        Teleoperators("Reach-v0").check(["raw"])
+        Teleoperators(LEAP, "Reach-v0").check(["raw"])
     with pytest.raises(DexFlexError, match="No controller at"):
-        Teleoperators(TASK, str(tmp_path)).check(["dexflex"])
+        Teleoperators(LEAP, TASK, str(tmp_path)).check(["dexflex"])
 
 
 def test_a_version_holds_expert_interface_and_controller(controller_folder):
-    raw = Teleoperators(TASK).version("raw", TASK)
-    assert raw == Teleoperators(TASK, str(controller_folder)).version("raw", TASK)
-    assert raw.code != Teleoperators(TASK).version("press", TASK).code
-    pressing = Teleoperators(TASK, source="pressing")
+    raw = Teleoperators(LEAP, TASK).version("raw", TASK)
+    assert raw == Teleoperators(LEAP, TASK, str(controller_folder)).version("raw", TASK)
+    assert raw.code != Teleoperators(LEAP, TASK).version("press", TASK).code
+    pressing = Teleoperators(LEAP, TASK, source="pressing")
     assert raw.name != pressing.version("raw", TASK).name
-    assert Teleoperators(TASK).version("joint", TASK) == pressing.version("joint", TASK)
-    assert raw.code != Teleoperators("PourCup-v0").version("raw", "PourCup-v0").code
-    shipped, other = (Teleoperators(TASK, c).version("dexflex", TASK) for c in ("", str(controller_folder)))
+    assert Teleoperators(LEAP, TASK).version("joint", TASK) == pressing.version("joint", TASK)
+    assert raw.code != Teleoperators(LEAP, "PourCup-v0").version("raw", "PourCup-v0").code
+    shipped, other = (
+        Teleoperators(LEAP, TASK, c).version("dexflex", TASK) for c in ("", str(controller_folder))
+    )
     assert shipped.code == other.code
     assert shipped.weights != other.weights

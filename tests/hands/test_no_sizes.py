@@ -40,23 +40,6 @@ OTHER = {
 
 NOT_YET = {
     "lerobot_dexflex/conventions.py",
-    "lerobot_dexflex/evaluation/latency.py",
-    "lerobot_dexflex/evaluation/outcome.py",
-    "lerobot_dexflex/evaluation/policies.py",
-    "lerobot_dexflex/evaluation/replay.py",
-    "lerobot_dexflex/evaluation/report/film.py",
-    "lerobot_dexflex/evaluation/report/interventions.py",
-    "lerobot_dexflex/evaluation/report/rerun_log.py",
-    "lerobot_dexflex/evaluation/teleoperators.py",
-    "policies/lerobot_policy_dexflex/chunk_execution.py",
-    "policies/lerobot_policy_dexflex/compatibility.py",
-    "policies/lerobot_policy_dexflex/controller_link.py",
-    "policies/lerobot_policy_dexflex/drafts.py",
-    "policies/lerobot_policy_dexflex/encoders.py",
-    "policies/lerobot_policy_dexflex/interface_steps.py",
-    "policies/lerobot_policy_dexflex/measured_tips.py",
-    "policies/lerobot_policy_dexflex/modeling_dexflex_flow.py",
-    "policies/lerobot_policy_dexflex/normalization.py",
 }
 """Files that are still to be freed of sizes; who does it takes them off."""
 

@@ -11,6 +11,7 @@ from lerobot_commands import begin_evaluation
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_policy_dexflex import DexflexEnvConfig, DexflexFlowConfig
 from lerobot_policy_dexflex.compatibility import check_dataset
 from lerobot_policy_dexflex.modeling_dexflex_flow import DexflexFlowPolicy
@@ -22,25 +23,25 @@ def meta(synthetic_dataset):
 
 
 def test_a_dataset_in_our_schema_is_accepted(meta):
-    check_dataset(meta, {})
+    check_dataset(LEAP, meta, {})
 
 
 def test_another_robot_is_refused(meta):
     meta.info.robot_type = "so101"
-    with pytest.raises(DexFlexError, match="robot_type is 'so101', but dexflex_flow drives leap_xarm7"):
-        check_dataset(meta, {})
+    with pytest.raises(DexFlexError, match="robot_type is 'so101', but this policy drives leap_xarm7"):
+        check_dataset(LEAP, meta, {})
 
 
 def test_another_rate_is_refused(meta):
     meta.info.fps = 30
     with pytest.raises(DexFlexError, match="runs at 30 fps, but the hand at 20"):
-        check_dataset(meta, {})
+        check_dataset(LEAP, meta, {})
 
 
 def test_a_missing_observation_is_refused(meta):
     meta.info.features = {k: v for k, v in meta.features.items() if k != "observation.tactile"}
     with pytest.raises(DexFlexError, match=r"lacks 'observation.tactile' \(taxel normal forces"):
-        check_dataset(meta, {})
+        check_dataset(LEAP, meta, {})
 
 
 @pytest.mark.parametrize("key", ["action", "observation.state"])
@@ -48,7 +49,7 @@ def test_joints_of_another_order_are_refused(meta, key):
     meta.info.features = copy.deepcopy(meta.features)
     meta.features[key]["names"] = meta.features[key]["names"][::-1]
     with pytest.raises(DexFlexError, match=rf"elements of the dataset's '{key}' must be named"):
-        check_dataset(meta, {})
+        check_dataset(LEAP, meta, {})
 
 
 def test_a_policy_refuses_a_foreign_dataset_when_it_is_built(build, meta):
@@ -115,7 +116,7 @@ def pour_cup(tiny, tmp_path):
             ["--env.task=Reach-v0"],
             r"state of shape \(23,\), but the environment Reach-v0 offers shape \(16,\). "
             r"It fits --env.task=AssembleTable-v0\|BrushSweep-v0\|FlipToast-v0\|HammerNail-v0\|"
-            r"PlaceHammer-v0\|PourCup-v0\|ScrewNut-v0\|Screwdriver-v0\|SpatulaServe-v0 with "
+            r"PlaceHammer-v0\|PourCup-v0\|ScrewNut-v0\|Screwdriver-v0\|SpatulaServe-v0 --env.hand=leap with "
             r"--env.options='\{\"cameras\": \[\"front\", \"wrist\"\], \"image_size\": 96\}'",
         ),
         (['--env.options={"cameras": ["front"]}'], r"reads observation.images.wrist, which the environment"),
@@ -179,7 +180,7 @@ def test_a_checkpoint_whose_environment_has_another_action_is_refused(build, tmp
     config = PreTrainedConfig.from_pretrained(tmp_path)
     config.pretrained_path = tmp_path
     with pytest.raises(
-        DexFlexError, match=r"drives 23 joints, but .* \(16,\). Valid --env.task: AssembleTable-v0"
+        DexFlexError, match=r"drives 23 joints, but .* \(16,\). It fits --env.task=AssembleTable-v0"
     ):
         make_policy(config, env_cfg=DexflexEnvConfig(task="Reach-v0"))
 

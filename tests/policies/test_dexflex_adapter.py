@@ -76,7 +76,7 @@ def test_a_training_step_says_that_the_backbone_is_trained(adapter, observation)
 
 
 def test_comparisons_load_it_by_its_backbone_alone(backbone):
-    policies = AdaptedPolicies(backbone)
+    policies = AdaptedPolicies(LEAP, backbone)
     policies.check(["raw", "press"])
     raw, ours = (policies.version(name, "PourCup-v0") for name in ("raw", "press"))
     assert raw.weights == ours.weights
@@ -101,7 +101,7 @@ def test_comparisons_load_it_by_its_backbone_alone(backbone):
 
 def test_a_comparison_without_the_backbones_checkpoint_is_refused(tmp_path):
     with pytest.raises(DexFlexError, match=r"config\.json, model\.safetensors.* not found.*--backbone="):
-        AdaptedPolicies(tmp_path).check(["raw"])
+        AdaptedPolicies(LEAP, tmp_path).check(["raw"])
 
 
 @pytest.mark.parametrize("interface", ["joint", "raw", "dexflex"])

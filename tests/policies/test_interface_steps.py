@@ -134,6 +134,7 @@ def test_saved_steps_are_loaded_by_name_and_act_alike(
         "draft": "measured",
         "controller": str(controller_folder),
         "link": "left",
+        "hand": "leap",
     }
     assert torch.equal(act(loaded(tmp_path), observation), expected)
     raw = act(loaded(tmp_path, interface="raw"), observation)

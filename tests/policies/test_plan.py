@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from lerobot_dexflex.hands import LEAP
 from lerobot_policy_dexflex.plan import FITTED_BATCHES, MIN_ANGLE_STD, MIN_LENGTH_STD, PlanLayout, PlanScale
 
 ALL = ("joint", "commanded", "measured")
@@ -17,7 +18,7 @@ ALL = ("joint", "commanded", "measured")
     ],
 )
 def test_a_plan_holds_the_arm_and_then_the_learned_parts_in_a_fixed_order(learns, size, columns):
-    layout = PlanLayout(7, learns)
+    layout = PlanLayout(LEAP, 7, learns)
     assert layout.size == size
     for part, (first, end) in columns.items():
         assert layout.columns(part) == [*range(7), *range(first, end)]
@@ -25,17 +26,17 @@ def test_a_plan_holds_the_arm_and_then_the_learned_parts_in_a_fixed_order(learns
 
 
 def test_the_arm_weighs_half_and_the_learned_parts_share_the_other_half():
-    weights = PlanLayout(7, ALL).weights()
+    weights = PlanLayout(LEAP, 7, ALL).weights()
     shares = [weights[a:b].sum().item() for a, b in ((0, 7), (7, 23), (23, 35), (35, 47))]
     assert shares == pytest.approx([1 / 2, 1 / 6, 1 / 6, 1 / 6])
-    assert PlanLayout(7, ["measured"]).weights()[7:].tolist() == pytest.approx([0.5 / 12] * 12)
-    hand_alone = PlanLayout(0, ["joint", "measured"]).weights()
+    assert PlanLayout(LEAP, 7, ["measured"]).weights()[7:].tolist() == pytest.approx([0.5 / 12] * 12)
+    hand_alone = PlanLayout(LEAP, 0, ["joint", "measured"]).weights()
     assert [hand_alone[:16].sum().item(), hand_alone[16:].sum().item()] == pytest.approx([0.5, 0.5])
 
 
 @pytest.fixture
 def scale():
-    return PlanScale(2, PlanLayout(7, ["measured"]))
+    return PlanScale(2, PlanLayout(LEAP, 7, ["measured"]))
 
 
 def batches(n, rows=5):

@@ -11,7 +11,7 @@ from lerobot_dexflex import experts
 from lerobot_dexflex.envs.registration import NAMESPACE, TASKS, TaskInfo
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.model import robot_joints
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import LEAP, Hand, get_hand
 from lerobot_dexflex.recording import staging
 
 STEPS = 9
@@ -22,16 +22,15 @@ TASK = "Count-v0"
 class CountingEnv(gymnasium.Env):
     """Count the steps: every observation tells the seed and the step, some seeds fail."""
 
-    hand = LEAP
-    joints = robot_joints(LEAP)
-    command = np.zeros(23)
-    pad_forces = np.array([0.5, 1.0, 1.5, 2.0])
     metadata = {"render_modes": [], "render_fps": 20}  # noqa: RUF012
 
-    def __init__(self, cameras: tuple[str, ...] = ("front", "wrist"), hand=LEAP) -> None:
+    def __init__(self, cameras: tuple[str, ...] = ("front", "wrist"), hand: str | Hand = LEAP) -> None:
         self._cameras = cameras
-        assert hand in (LEAP, LEAP.name)
-        self.action_space = spaces.Box(-np.inf, np.inf, (23,), np.float32)
+        self.hand = get_hand(hand) if isinstance(hand, str) else hand
+        self.joints = robot_joints(self.hand)
+        self.command = np.zeros(len(self.joints))
+        self.pad_forces = 0.5 * np.arange(1, self.hand.n_fingers + 1)
+        self.action_space = spaces.Box(-np.inf, np.inf, self.command.shape, np.float32)
         self.observation_space = spaces.Dict()
         self._seed = self._step = 0
 
@@ -41,7 +40,7 @@ class CountingEnv(gymnasium.Env):
         return self._observe(), {"is_success": False, "progress": 0.0}
 
     def step(self, action):
-        assert action.shape == (23,)
+        assert action.shape == self.command.shape
         self._step += 1
         success = self._step == STEPS and self._seed not in FAILING_SEEDS
         info = {"is_success": success, "progress": self._step / STEPS if success else 0.5}
@@ -51,9 +50,9 @@ class CountingEnv(gymnasium.Env):
         image = np.full((96, 96, 3), 10 * self._step + 5 * self._seed, np.uint8)
         pixels = {"pixels": dict.fromkeys(self._cameras, image)} if self._cameras else {}
         return pixels | {
-            "agent_pos": np.full(23, self._seed + self._step / 16, np.float32),
-            "tactile": np.arange(240, dtype=np.float32),
-            "fingertips": np.full(12, self._step / 256, np.float32),
+            "agent_pos": np.full(len(self.joints), self._seed + self._step / 16, np.float32),
+            "tactile": np.arange(self.hand.n_fingers * np.prod(self.hand.taxels), dtype=np.float32),
+            "fingertips": np.full(3 * self.hand.n_fingers, self._step / 256, np.float32),
             "gravity": np.array([0, 0, -1], np.float32),
         }
 
@@ -61,8 +60,8 @@ class CountingEnv(gymnasium.Env):
 def count(env: CountingEnv, rng: np.random.Generator) -> Iterator[Command]:
     """Send random joint targets and tips that name the step."""
     for k in range(STEPS):
-        targets = rng.normal(size=23)
-        yield Command(targets, targets + 0.1, np.full((8, 4, 3), k / 128))
+        targets = rng.normal(size=len(env.joints))
+        yield Command(targets, targets + 0.1, np.full((8, env.hand.n_fingers, 3), k / 128))
 
 
 @contextlib.contextmanager

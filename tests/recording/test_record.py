@@ -8,8 +8,9 @@ import pytest
 import yaml
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.evaluation.replay import ReplayController, load_demonstrations
 from lerobot_dexflex.experts.command import Command, fingertips_of
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import LEAP, SHARPA
 from lerobot_dexflex.recording import RecordConfig, attempt, record, staging
 
 
@@ -316,3 +317,31 @@ def test_the_recipe_in_the_dataset_records_it_again(counting_task, tmp_path):
     assert front_matter["task_categories"] == ["robotics"]
     assert "LeRobot" in front_matter["tags"]
     assert "1 of 1 attempts succeeded" in (root / "README.md").read_text()
+
+
+def test_a_recording_of_another_hand_has_its_columns_its_name_and_a_card_that_says_so(
+    counting_task, tmp_path, LeRobotDataset
+):
+    root = tmp_path / "count"
+    assert record.record(config(counting_task, root, hand="sharpa", episodes=1), [])
+    dataset = load(LeRobotDataset, root)
+    assert dataset.meta.robot_type == "sharpa_xarm7"
+    shapes = {key: dataset[0][key].shape for key in ("action", "observation.tactile", "contact.loads")}
+    assert shapes == {"action": (29 + 15,), "observation.tactile": (300,), "contact.loads": (5,)}
+    assert dataset.meta.features["action"]["names"][7] == "index_MCP_FE.pos"
+    joints = np.random.default_rng((0, 0)).normal(size=(9, 29))[0, 7:]
+    np.testing.assert_allclose(
+        dataset[0]["action"][29:], fingertips_of(SHARPA, joints).ravel(), atol=2.0**-18
+    )
+    assert "on a tactile SHARPA hand on an xArm7" in (root / "README.md").read_text()
+    with pytest.raises(DexFlexError, match="hand"):
+        record.record(config(counting_task, root, episodes=1), [])
+    demonstrations = load_demonstrations(root)
+    assert demonstrations.hand is SHARPA
+    assert demonstrations.played("measured")[0].shape == (9, 29 + 15)
+    state = {"agent_pos": np.array([[*np.zeros(7), *SHARPA.nominal_joints]])}
+    controller = ReplayController(SHARPA, demonstrations.actions[0], "joint")
+    controller.reset([0])
+    targets = controller.act(state, "")
+    assert targets.shape == (1, 29)
+    np.testing.assert_array_equal(targets[:, :7], demonstrations.actions[0][:1, :7])

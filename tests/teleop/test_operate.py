@@ -95,7 +95,7 @@ def test_a_hand_leads_the_robot_and_becomes_a_dataset_that_policies_train_on(tmp
     assert np.median(off[10:]) < 2e-3  # Raw goes where the person's fingertips are.
     features = dataset_to_policy_features(dataset.meta.features)
     inputs = {key: feature for key, feature in features.items() if feature.type is not FeatureType.ACTION}
-    check_dataset(dataset.meta, shapes(inputs))
+    check_dataset(LEAP, dataset.meta, shapes(inputs))
     told = json.loads((root / "meta/recording.json").read_text())
     assert (told["program"], told["complete"], told["episode_seeds"]) == ("dexflex-teleop", False, [0])
     card = (root / "README.md").read_text()

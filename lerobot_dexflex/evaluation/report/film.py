@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.hand.touch_image import FULL_SCALE, touch_strip
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 
 STRIDE = 2
 """Every second control step is filmed ..."""
@@ -103,11 +103,13 @@ def _frame(env: gymnasium.Env, observation: Any) -> NDArray[np.uint8]:
     pixels = observation["pixels"]
     if "wrist" in pixels:
         canvas[:_WRIST, _FRONT:] = _resized(pixels["wrist"], _WRIST)
-    legend = ("wrist camera", "", f"touch, 0-{FULL_SCALE:g} N:", "index, middle,", "ring, thumb")
+    hand: Hand = env.get_wrapper_attr("hand")
+    pairs = [", ".join(hand.finger_names[k : k + 2]) for k in range(0, hand.n_fingers, 2)]
+    legend = ("wrist camera", "", f"touch, 0-{FULL_SCALE:g} N:", *",\n".join(pairs).split("\n"))
     for line, text in enumerate(legend):
         _write(canvas, text, (_FRONT + 5, _WRIST + 14 + (0 if line == 0 else 86 + 14 * (line - 2))), _GREY)
-    strip = touch_strip(LEAP, observation["tactile"])
-    height = _STRIP - 8
+    strip = touch_strip(hand, observation["tactile"])
+    height = min(_STRIP - 8, int(strip.shape[0] * _FRONT / strip.shape[1]))
     width = round(strip.shape[1] * height / strip.shape[0])
     small = cv2.resize(strip, (width, height), interpolation=cv2.INTER_NEAREST)
     canvas[_FRONT + 4 : _FRONT + 4 + height, _FRONT - width : _FRONT] = small

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from lerobot_dexflex.evaluation.events import Flags, around, contact_events
 from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.evaluation.report.canvas import INK, colour, new_panels, png
-from lerobot_dexflex.hands import LEAP
 
 _PERIOD = 0.05
 """Control period [s]."""
+_MOST = 4
+"""Fingers that the scale of contacts has room for at least."""
 
 
 class Trace(NamedTuple):
@@ -58,7 +59,7 @@ class TraceFile:
             return
         contacts = np.array(self._contacts)
         near = around(contact_events(contacts))
-        trace = Trace(np.array(self._changes), contacts[1:, : LEAP.n_fingers].sum(1), near)
+        trace = Trace(np.array(self._changes), contacts[1:, :-1].sum(1), near)
         self._path.parent.mkdir(parents=True, exist_ok=True)
         np.save(self._path, np.array(trace, float))
 
@@ -81,6 +82,7 @@ def interventions(traces: Mapping[str, Trace], unit: str, shaded: str) -> bytes:
         unit: What `Trace.change` is.
         shaded: What `Trace.marked` is.
     """
+    most = max(_MOST, *(int(trace.fingers.max(initial=0)) for trace in traces.values()))
     figure, panels = new_panels(9.0, 1.5 * len(traces) + 0.4, len(traces))
     for k, (axes, (name, trace)) in enumerate(zip(panels, traces.items(), strict=True)):
         time = _PERIOD * np.arange(len(trace.change))
@@ -90,7 +92,7 @@ def interventions(traces: Mapping[str, Trace], unit: str, shaded: str) -> bytes:
             axes.axvspan(_PERIOD * begin, _PERIOD * end, color=INK, alpha=0.2, lw=0)
         contacts = axes.twinx()
         contacts.step(time, trace.fingers, color=INK, lw=0.8, where="post", alpha=0.7)
-        contacts.set(ylim=(0, 4.3), yticks=(0, 2, 4))
+        contacts.set(ylim=(0, most + 0.3), yticks=range(0, most + 1, 2))
         contacts.set_ylabel("contacts", color=INK, fontsize=8)
         contacts.tick_params(colors=INK, labelsize=8)
         contacts.spines[:].set_visible(False)

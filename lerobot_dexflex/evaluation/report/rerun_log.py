@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lerobot_dexflex.evaluation.outcome import Ended, Motion
 from lerobot_dexflex.hand.touch_image import FULL_SCALE
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import Hand
 
 _DRAFT, _SELECTED, _MEASURED = (235, 150, 50), (70, 140, 240), (150, 150, 150)
 
@@ -34,7 +34,7 @@ class RerunLog:
         else:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._stream.save(path)
-        self._tips: NDArray[np.floating] = np.zeros((4, 3))
+        self._tips: NDArray[np.floating] = np.zeros((0, 3))
 
     def watch(
         self, env: gymnasium.Env, observation: Any, info: dict[str, Any], motion: Motion | None
@@ -45,14 +45,15 @@ class RerunLog:
         self._stream.set_time("time", duration=self._step / env.metadata["render_fps"])
         for camera, image in observation["pixels"].items():
             self._log(f"camera/{camera}", rr.Image(image))
-        self._log("touch", self._touch(observation["tactile"]))
-        for finger, force in zip(LEAP.prefixes, _forces(observation), strict=True):
+        hand: Hand = env.get_wrapper_attr("hand")
+        self._log("touch", self._touch(hand, observation["tactile"]))
+        for finger, force in zip(hand.prefixes, _forces(hand, observation), strict=True):
             self._log(f"touch_force/{finger}", rr.Scalars(force))
         self._log("progress", rr.Scalars(float(info["progress"])))
         self._log("success", rr.Scalars(float(info["is_success"])))
         if motion is not None:
             self._log_motion(motion)
-        self._tips = np.asarray(observation["fingertips"]).reshape(4, 3)
+        self._tips = np.asarray(observation["fingertips"]).reshape(-1, 3)
         self._log("palm/measured", rr.Points3D(self._tips, colors=_MEASURED, radii=0.004))
         self._step += 1
 
@@ -78,13 +79,13 @@ class RerunLog:
             self._log(f"palm/{name}", arrows)
         self._log("intervention", rr.Scalars(motion.magnitude()))
 
-    def _touch(self, tactile: NDArray[np.floating]) -> Any:
-        """Return the four pads side by side, each with its tip up, coloured by the viewer, who tells newtons.
+    def _touch(self, hand: Hand, tactile: NDArray[np.floating]) -> Any:
+        """Return the pads side by side, each with its tip up, coloured by the viewer, who tells newtons.
 
         A picture made here, as in films, takes OpenCV 20 ms: too long beside a control step.
         """
-        pads = np.asarray(tactile, np.float32).reshape(LEAP.n_fingers, *LEAP.taxels)[:, ::-1]
-        strip = np.pad(pads, ((0, 0), (0, 0), (0, 1))).swapaxes(0, 1).reshape(LEAP.taxels[0], -1)
+        pads = np.asarray(tactile, np.float32).reshape(hand.n_fingers, *hand.taxels)[:, ::-1]
+        strip = np.pad(pads, ((0, 0), (0, 0), (0, 1))).swapaxes(0, 1).reshape(hand.taxels[0], -1)
         colours = self._rr.components.Colormap.Inferno
         return self._rr.DepthImage(strip, meter=1.0, colormap=colours, depth_range=(0.0, FULL_SCALE))
 
@@ -92,6 +93,6 @@ class RerunLog:
         self._stream.log(f"{self._root}/{entity}", value)
 
 
-def _forces(observation: Any) -> list[float]:
+def _forces(hand: Hand, observation: Any) -> list[float]:
     """Return the summed taxel force of each finger [N]."""
-    return [float(f) for f in np.asarray(observation["tactile"]).reshape(4, -1).sum(1)]
+    return [float(f) for f in np.asarray(observation["tactile"]).reshape(hand.n_fingers, -1).sum(1)]
