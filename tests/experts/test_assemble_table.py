@@ -5,9 +5,9 @@ import pytest
 from expert_checks import angle_between, demonstrate, run_expert
 
 from lerobot_dexflex.envs.assemble_table import CATCH_TILT
-from lerobot_dexflex.experts.assemble_table import HABITS
 from lerobot_dexflex.experts.tool.grip import Handle
 from lerobot_dexflex.experts.tool.hand import OperatorHand
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hands import LEAP
 
@@ -58,7 +58,7 @@ def test_fingers_screw_the_leg_in_by_strokes_between_which_they_grasp_again(seed
     assert np.ptp(arm[20:], axis=0).max() < 0.01
 
 
-@pytest.mark.parametrize("habit", HABITS)
+@pytest.mark.parametrize("habit", holds_of(LEAP).habits)
 def test_the_three_pads_touch_an_upright_leg_and_stay_clear_while_open(habit):
     leg = Handle(habit.centre, np.array([0.0, 0.0, 1.0]), 0.012)
     grip = habit.grip(leg, room=0.02)

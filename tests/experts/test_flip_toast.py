@@ -1,5 +1,8 @@
 """How the operator turns the slice over, and what of that its fingers do."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from expert_checks import Demonstration, angle_between, check_drafts_press, run_expert
@@ -7,7 +10,7 @@ from expert_checks import Demonstration, angle_between, check_drafts_press, run_
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.experts.flip_toast import TIPPED, WOUND_UP
 from lerobot_dexflex.experts.tool.bar import HELD
-from lerobot_dexflex.experts.tool.spatula import STRAIGHT, tipped
+from lerobot_dexflex.experts.tool.spatula import straight, tipped
 
 SEEDS = (0, 1, 2, 3)
 _UNDER, _ON_EDGE = 0.3, 0.6
@@ -72,11 +75,13 @@ def test_the_fingers_wind_the_spatula_up_and_tip_it(shown):
 
 
 def test_a_spatula_is_tipped_about_where_it_is_gripped():
-    turned = tipped(STRAIGHT, -0.2)
+    script: Any = SimpleNamespace(grasp_centre=np.array([-0.04, -0.03, -0.14]))
+    held = straight(script)
+    turned = tipped(script, held, -0.2)
     assert np.arcsin(turned.rotation[2, 2]) == pytest.approx(-0.2)
-    back = tipped(turned, 0.2)
-    assert np.allclose(back.position, STRAIGHT.position)
-    assert np.allclose(back.rotation, STRAIGHT.rotation)
+    back = tipped(script, turned, 0.2)
+    assert np.allclose(back.position, held.position)
+    assert np.allclose(back.rotation, held.rotation)
 
 
 def test_drafts_are_motion_and_joint_targets_press(shown):

@@ -4,18 +4,20 @@ import numpy as np
 import pytest
 from expert_checks import pads_of
 
-from lerobot_dexflex.experts.tool.bar import ALONG, GRASP_CENTRE, HAND_IDLE, HAND_TOUCH
 from lerobot_dexflex.experts.tool.grip import Handle, grip_handle
+from lerobot_dexflex.experts.tool.known_holds import holds_of
+from lerobot_dexflex.hands import LEAP
 
 PUSH = np.array([-1.0, 0.0, 0.0])
+HOLD = holds_of(LEAP).bar
 
 
 def handle_turned(yaw: float, radius: float) -> Handle:
-    return Handle(GRASP_CENTRE, np.array([np.sin(yaw), np.cos(yaw), 0.0]), radius)
+    return Handle(HOLD.centre, np.array([np.sin(yaw), np.cos(yaw), 0.0]), radius)
 
 
 def grip(handle: Handle, fingers: tuple[int, ...] = (0, 1, 2, 3), **options):
-    return grip_handle(handle, ALONG, PUSH, fingers, HAND_TOUCH, HAND_IDLE, **options)
+    return grip_handle(LEAP, HOLD.frame, handle, HOLD.along, PUSH, fingers, HOLD.touch, HOLD.idle, **options)
 
 
 def off_the_axis(handle: Handle, points: np.ndarray) -> np.ndarray:
@@ -30,7 +32,7 @@ def test_pads_lie_flat_on_the_surface_of_an_askew_handle(yaw, radius):
     found = grip(handle)
     centres, outward = pads_of(found.touch)
     assert np.allclose(off_the_axis(handle, centres), radius, atol=2.5e-3)
-    assert np.abs((centres - handle.centre) @ handle.axis - ALONG).max() < 2.5e-3
+    assert np.abs((centres - handle.centre) @ handle.axis - HOLD.along).max() < 2.5e-3
     # Flat along the handle's section; fingers cannot turn about palm z, so they are as askew as the handle.
     facing = (outward * found.inward).sum(1)
     assert (facing[:3] > np.cos(yaw) - 0.02).all()
@@ -58,7 +60,7 @@ def test_idle_fingers_stay_where_they_are_told(fingers, idle):
     found, whole = grip(handle_turned(0.0, 0.013), fingers), grip(handle_turned(0.0, 0.013))
     part = slice(4 * idle, 4 * idle + 4)
     for mine, all_fingers in ((found.open, whole.open), (found.touch, whole.touch)):
-        assert np.array_equal(mine[part], HAND_IDLE[part])
+        assert np.array_equal(mine[part], HOLD.idle[part])
         others = np.delete(mine, np.r_[part])
         assert np.array_equal(others, np.delete(all_fingers, np.r_[part]))
     assert not found.inward[idle].any()
@@ -76,7 +78,7 @@ def test_turning_a_push_about_the_handle_and_shifting_a_pad_aside_do_so():
 
 
 def test_the_search_for_a_grip_begins_with_all_four_pads_flat_on_a_handle():
-    centres, normals = pads_of(HAND_TOUCH)
+    centres, normals = pads_of(HOLD.touch)
     side = np.array([1, 1, 1, -1])
-    assert np.allclose(centres[:, 0] - GRASP_CENTRE[0], side * 0.013, atol=1e-3)
+    assert np.allclose(centres[:, 0] - HOLD.centre[0], side * 0.013, atol=1e-3)
     assert np.allclose(normals[:, 0], -side, atol=1e-3)

@@ -1,5 +1,6 @@
 """Free fingers follow their path; a gripped tool is held, led, and let go."""
 
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -8,20 +9,22 @@ from expert_checks import SEED, make_env
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.experts import make_expert, place_hammer
-from lerobot_dexflex.experts.tool.bar import HAND_TOUCH
 from lerobot_dexflex.experts.tool.grip import Grip
 from lerobot_dexflex.experts.tool.hand import LOST_STEPS, OperatorHand
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hand.objects import ObjectSpec
 from lerobot_dexflex.hands import LEAP
 
 RELAXED = np.array(LEAP.relaxed_joints)
-CLOSED = HAND_TOUCH
+CLOSED = holds_of(LEAP).bar.touch
 
 
 def free_hand() -> OperatorHand:
-    return OperatorHand(cast(Any, None), RELAXED, np.random.default_rng(0), margin=1.5)
+    return OperatorHand(
+        cast(Any, SimpleNamespace(hand=LEAP)), RELAXED, np.random.default_rng(0), 1.5, np.eye(3)
+    )
 
 
 @pytest.fixture
@@ -39,7 +42,7 @@ def holding_hand(env, margin: float, preload: float | None = None) -> OperatorHa
     episode = env.episode
     shape = ObjectSpec("cylinder", (episode.handle_radius, place_hammer.HANDLE_HALF_LENGTH), episode.mass)
     senses = ToolSenses(env, Tool("hammer", shape, np.zeros(3), episode.tip_friction))
-    hand = OperatorHand(senses, env.command[7:], np.random.default_rng(0), margin)
+    hand = OperatorHand(senses, env.command, np.random.default_rng(0), margin, np.eye(3))
     hand.grip(Grip(CLOSED, CLOSED, senses.read().inward), preload)
     return hand
 

@@ -5,8 +5,11 @@ import pytest
 from expert_checks import angle_between, demonstrate, pads_of
 
 from lerobot_dexflex.experts.place_hammer import GRASP_AT
-from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE, HAND_TOUCH, HELD
+from lerobot_dexflex.experts.tool.bar import HELD
+from lerobot_dexflex.experts.tool.known_holds import holds_of
+from lerobot_dexflex.hands import LEAP
 
+HOLD = holds_of(LEAP).bar
 FOUR, THREE = 11, 8
 """Seeds of hammers gripped by all fingers, and without the ring finger."""
 
@@ -27,14 +30,14 @@ def test_the_hammer_is_gripped_askew_and_turned_straight_in_the_hand():
     assert angle_between(handles[gripped], HELD[:, 2]) > 0.25
     straight = shown.during(3, 4)
     assert angle_between(handles, HELD[:, 2])[straight].max() < 0.06
-    offsets = shown.positions - (GRASP_CENTRE - GRASP_AT * HELD[:, 2])
+    offsets = shown.positions - (HOLD.centre - GRASP_AT * HELD[:, 2])
     assert np.linalg.norm(offsets, axis=1)[straight].max() < 0.004
 
 
 def test_the_search_for_a_grip_begins_with_all_four_pads_flat_on_a_handle():
-    centres, normals = pads_of(HAND_TOUCH)
+    centres, normals = pads_of(HOLD.touch)
     side = np.array([1, 1, 1, -1])
     # The handle is a cylinder of 13 mm radius along palm y through the grasp centre.
-    assert np.allclose(centres[:, 0] - GRASP_CENTRE[0], side * 0.013, atol=1e-3)
-    assert np.allclose(centres[:, 2], GRASP_CENTRE[2], atol=1e-3)
+    assert np.allclose(centres[:, 0] - HOLD.centre[0], side * 0.013, atol=1e-3)
+    assert np.allclose(centres[:, 2], HOLD.centre[2], atol=1e-3)
     assert np.allclose(normals[:, 0], -side, atol=1e-3)

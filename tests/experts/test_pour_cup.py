@@ -7,16 +7,16 @@ from expert_checks import demonstrate, pads_of
 from lerobot_dexflex.envs.pour_cup import BOWL_HEIGHT, BOWL_RADIUS, PITCHER_HEIGHT, PITCHER_RADIUS
 from lerobot_dexflex.experts.pour_cup import (
     FULL_TILT,
-    GRASP_CENTRE,
-    GRASP_TURN,
-    HAND_TOUCH,
-    PALM_IN_PITCHER,
     SPILL_TILT,
     TIPPED,
+    palm_in_pitcher,
     pouring_pose,
 )
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.hand.arm import rotation_vector
+from lerobot_dexflex.hands import LEAP
 
+HOLD = holds_of(LEAP).pitcher
 NO_MIDDLE = 7
 """Seed of a pitcher that is gripped without the middle finger."""
 MAX_JOINT_SPEED = np.pi
@@ -45,7 +45,7 @@ def test_the_thumb_holds_against_the_fingers_that_were_drawn(seed, idle):
 
 
 def test_fingers_right_the_pitcher_and_tip_it_while_pouring(demonstration):
-    turns = np.array([rotation_vector(r @ PALM_IN_PITCHER) for r in demonstration.rotations])[:, 0]
+    turns = np.array([rotation_vector(r @ palm_in_pitcher(HOLD.turn)) for r in demonstration.rotations])[:, 0]
     gripped = int(np.argmax(demonstration.progress > 0))
     assert turns[gripped] > 0.25  # The palm leans against the bar at yaw .18.
     assert np.abs(turns[gripped:]).min() < 0.02
@@ -59,11 +59,11 @@ def test_the_wrist_never_turns_faster_than_the_real_arm_can(demonstration):
 
 
 def test_the_search_for_a_grip_begins_with_all_four_pads_flat_on_a_bar():
-    centres, normals = pads_of(HAND_TOUCH)
-    across = np.array([np.cos(GRASP_TURN), 0.0, -np.sin(GRASP_TURN)])
+    centres, normals = pads_of(HOLD.touch)
+    across = np.array([np.cos(HOLD.turn), 0.0, -np.sin(HOLD.turn)])
     side = np.array([1, 1, 1, -1])
     # The bar is 20 mm wide, along palm y through the grasp centre, turned about it.
-    assert np.allclose((centres - GRASP_CENTRE) @ across, side * 0.010, atol=1e-3)
+    assert np.allclose((centres - HOLD.centre) @ across, side * 0.010, atol=1e-3)
     assert np.allclose(normals @ across, -side, atol=1e-3)
 
 

@@ -6,9 +6,11 @@ from expert_checks import angle_between, demonstrate
 
 from lerobot_dexflex.envs.registration import TASKS
 from lerobot_dexflex.envs.screw_nut import CATCH_TILT
-from lerobot_dexflex.experts.screw_nut import BAR_RADIUS, STROKES
+from lerobot_dexflex.experts.screw_nut import STROKES
 from lerobot_dexflex.experts.tool.grip import Handle
-from lerobot_dexflex.experts.tool.screwing import HABITS, UP
+from lerobot_dexflex.experts.tool.holds import BAR_RADIUS
+from lerobot_dexflex.experts.tool.known_holds import holds_of
+from lerobot_dexflex.experts.tool.screwing import UP
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hands import LEAP
 
@@ -43,7 +45,7 @@ def test_two_fingers_and_the_thumb_turn_the_nut_by_strokes_while_the_palm_stands
 
 
 @pytest.mark.parametrize("radius", [0.014, 0.018])
-@pytest.mark.parametrize("habit", HABITS)
+@pytest.mark.parametrize("habit", holds_of(LEAP).habits)
 def test_the_thumb_has_room_beside_nuts_of_every_width(habit, radius):
     centre = habit.centre + np.array([radius - BAR_RADIUS, 0.0, 0.0])
     grip = habit.grip(Handle(centre, UP, radius), 0.0, STROKES.room)

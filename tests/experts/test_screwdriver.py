@@ -5,13 +5,16 @@ import pytest
 from expert_checks import angle_between, demonstrate, run_expert
 
 from lerobot_dexflex.envs.registration import TASKS
-from lerobot_dexflex.experts.screwdriver import AXIS, GRASP_CENTRE, PADS_TURN, STROKES, TURNING, _grip
-from lerobot_dexflex.experts.tool.grip import Handle
+from lerobot_dexflex.experts.screwdriver import AXIS, STROKES
+from lerobot_dexflex.experts.tool.grip import Handle, without
 from lerobot_dexflex.experts.tool.hand import OperatorHand
+from lerobot_dexflex.experts.tool.holds import PADS_TURN
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.hand import kernels
 from lerobot_dexflex.hands import LEAP
 
 TASK, SEED = "Screwdriver-v0", 53_003
+DRIVER, TURNING = holds_of(LEAP).driver, without(LEAP, -1)
 
 
 def test_the_operator_succeeds_in_three_of_four_seeds_well_within_the_time_limit():
@@ -52,17 +55,17 @@ def test_three_fingers_turn_the_screw_by_strokes_while_the_palm_stands_still(mon
 
 @pytest.mark.parametrize("radius", [0.011, 0.014])
 def test_pads_lie_on_the_handle_wherever_a_stroke_begins(radius):
-    handle = Handle(GRASP_CENTRE, AXIS, radius)
+    handle = Handle(DRIVER.bar.centre, AXIS, radius)
     used = list(TURNING)
     for back in (0.0, STROKES.angle / 4, STROKES.angle / 2):
-        grip = _grip(handle, back)
+        grip = DRIVER.grip(TURNING, handle, back)
         centres, outward = kernels.pads(LEAP.tables, grip.touch)
-        ahead = -((centres - GRASP_CENTRE) * outward).sum(1)[used]
+        ahead = -((centres - DRIVER.bar.centre) * outward).sum(1)[used]
         assert np.allclose(ahead, radius, atol=5e-3), back
         # Middles of the pads move along the handle's skin, fingers one way and the thumb the other.
         aside = np.cross(AXIS, grip.inward)
         assert np.allclose(
-            ((centres - GRASP_CENTRE) * aside).sum(1)[used],
+            ((centres - DRIVER.bar.centre) * aside).sum(1)[used],
             np.array([0, 0, 0.002]) - radius * (1 - PADS_TURN) * back,
             atol=3e-3,
         ), back

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from expert_checks import SEED, make_env
 
-from lerobot_dexflex.experts.tool.bar import GRASP_CENTRE
 from lerobot_dexflex.experts.tool.hand import OperatorHand
+from lerobot_dexflex.experts.tool.known_holds import holds_of
 from lerobot_dexflex.experts.tool.script import PALM_DOWN, Pose, Script
 from lerobot_dexflex.experts.tool.senses import Tool, ToolSenses
 from lerobot_dexflex.hand.arm import ArmKinematics, rotation_matrix
 from lerobot_dexflex.hand.objects import ObjectSpec
 from lerobot_dexflex.hands import LEAP
+
+GRASP_CENTRE = holds_of(LEAP).bar.centre
 
 
 @pytest.fixture
@@ -23,7 +25,7 @@ def env():
 @pytest.fixture
 def script(env):
     tool = Tool("hammer", ObjectSpec("cylinder", (0.013, 0.08), 0.1), np.zeros(3), 1.0)
-    hand = OperatorHand(ToolSenses(env, tool), env.command[7:], np.random.default_rng(0), 1.5)
+    hand = OperatorHand(ToolSenses(env, tool), env.command, np.random.default_rng(0), 1.5, np.eye(3))
     return Script(env, hand, np.random.default_rng(0), GRASP_CENTRE)
 
 

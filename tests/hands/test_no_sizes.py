@@ -39,30 +39,7 @@ OTHER = {
 """What looks like a hand and is none: sides of geoms, edges of cones, digits, fingers of people."""
 
 NOT_YET = {
-    "lerobot_dexflex/controller/chunks.py",
-    "lerobot_dexflex/controller/config.py",
-    "lerobot_dexflex/controller/controller.py",
-    "lerobot_dexflex/controller/decoder.py",
-    "lerobot_dexflex/controller/diffusion_prior.py",
-    "lerobot_dexflex/controller/encoder.py",
-    "lerobot_dexflex/controller/history.py",
-    "lerobot_dexflex/controller/splitter.py",
     "lerobot_dexflex/conventions.py",
-    "lerobot_dexflex/corpus/acquisition.py",
-    "lerobot_dexflex/corpus/distortion.py",
-    "lerobot_dexflex/corpus/env.py",
-    "lerobot_dexflex/corpus/episode.py",
-    "lerobot_dexflex/corpus/turning.py",
-    "lerobot_dexflex/corpus/world.py",
-    "lerobot_dexflex/interfaces/dexflex.py",
-    "lerobot_dexflex/interfaces/explanation.py",
-    "lerobot_dexflex/interfaces/learned.py",
-    "lerobot_dexflex/training/augmentation.py",
-    "lerobot_dexflex/training/bank.py",
-    "lerobot_dexflex/training/corpus_data.py",
-    "lerobot_dexflex/training/encoder_prior.py",
-    "lerobot_dexflex/training/splitter.py",
-    "lerobot_dexflex/training/world_model.py",
 }
 """Files that are still to be freed of sizes; who does it takes them off."""
 
@@ -78,7 +55,7 @@ def findings(text: str) -> list[str]:
     documents = {id(node) for each in ast.walk(tree) if (node := _docstring(each)) is not None}
     found = []
     for node in ast.walk(tree):
-        found += [(node.lineno, what) for what in _of_one_hand(node, id(node) in documents)]
+        found += [(getattr(node, "lineno", 0), what) for what in _of_one_hand(node, id(node) in documents)]
     return [f"{line}: {what}" for line, what in sorted(set(found))]
 
 

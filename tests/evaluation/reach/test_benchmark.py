@@ -205,5 +205,5 @@ def test_rows_and_chains_of_another_hand_stay_apart(tmp_path):
 
 
 def test_an_unknown_hand_is_refused_with_the_known_ones(tmp_path):
-    with pytest.raises(DexFlexError, match="no hand 'claw'. Choose from .*'sharpa'"):
+    with pytest.raises(DexFlexError, match=r"no hand 'claw'. Choose from .*'sharpa'"):
         Benchmark(("raw",), ("clean",), tmp_path, tmp_path, hand="claw")
