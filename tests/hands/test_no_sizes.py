@@ -22,7 +22,7 @@ SHAPING = {
 """Functions whose arguments are sizes."""
 COUNTING = ("range", "permutation", "expand", "eye")
 """Of these, those that hardly ever meet a quaternion."""
-HANDS = {"LEAP", "SHARPA", "FINGER_NAMES"}
+HANDS = {"LEAP", "SHARPA"}
 FINGERS = re.compile(r"thumb|pinky|(if|mf|rf|th)_(tip|pad|nose|bs|px|md|ds|mp|taxels?|load)")
 """What fingers, links and sites are called; `index`, `middle` and `ring` have other meanings, too."""
 SHAPES = re.compile(r"\((?:[\w ]+, )*(?:4, 3|12|16|23|240)(?:, [\w ]+)*,?\)")
@@ -37,11 +37,6 @@ OTHER = {
     "lerobot_dexflex/streams/record.py": ("calls a finger 'pinky'", "calls a finger 'thumb'"),
 }
 """What looks like a hand and is none: sides of geoms, edges of cones, digits, fingers of people."""
-
-NOT_YET = {
-    "lerobot_dexflex/conventions.py",
-}
-"""Files that are still to be freed of sizes; who does it takes them off."""
 
 
 def sources() -> list[str]:
@@ -101,14 +96,11 @@ def _number(node: ast.expr) -> int | None:
 @pytest.mark.parametrize("source", sources())
 def test_no_file_is_of_one_hand(source):
     found = [line for line in findings((ROOT / source).read_text()) if not _is_other(source, line)]
-    if source in NOT_YET:
-        assert found, f"{source} is free of sizes: take it off NOT_YET."
-    else:
-        assert found == [], f"{source} is of one hand; take sizes and names from a `Hand` that is passed in."
+    assert found == [], f"{source} is of one hand; take sizes and names from a `Hand` that is passed in."
 
 
-def test_lists_name_files_that_there_are():
-    assert {*NOT_YET, *OTHER} <= {*sources()}
+def test_what_looks_like_a_hand_is_listed_by_files_that_there_are():
+    assert {*OTHER} <= {*sources()}
 
 
 @pytest.mark.parametrize(

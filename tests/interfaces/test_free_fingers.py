@@ -6,7 +6,6 @@ from interface_cases import TACTILE, held, measured, row
 from learned_cases import LEARNED, draft_of, flex, noisy, pressing, touched
 
 from lerobot_dexflex.commands.families import REMOVAL_STEPS
-from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces import make_interface
 from lerobot_dexflex.interfaces.free_fingers import EMPTY_STEPS, INSISTING_STEPS, FreeFingers
@@ -161,7 +160,7 @@ def test_a_release_is_obeyed_at_once_and_without_grip(make, name):
     torch.testing.assert_close(interface.motion, draft[:, 0], **EXACT)
     if interface.explanation.forces is not None:
         assert not interface.explanation.forces.any()
-    assert interface.explanation.row(0)["free"] == dict.fromkeys(FINGER_NAMES, True)
+    assert interface.explanation.row(0)["free"] == dict.fromkeys(LEAP.finger_names, True)
 
 
 def test_of_a_finger_that_is_to_leave_the_motion_is_the_drafts_and_the_others_go_on_pressing(controller):

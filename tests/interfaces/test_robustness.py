@@ -5,7 +5,6 @@ import torch
 from interface_cases import STATE, TACTILE, observation
 from learned_cases import LEARNED, draft_of, flex, noisy, pressing, touched
 
-from lerobot_dexflex.conventions import FINGER_NAMES
 from lerobot_dexflex.hand.kinematics import joint_limits
 from lerobot_dexflex.hands import LEAP
 
@@ -49,7 +48,7 @@ def test_a_failing_finger_is_named_and_the_hand_goes_on(make, name, fault):
         seen = noisy(observation(2, k), k)
         assert_executable(interface.step(break_touch(seen) if k > 2 else seen, draft_of(2, k)))
     for index in range(2):
-        expected = {f: health if i in fingers else "ok" for i, f in enumerate(FINGER_NAMES)}
+        expected = {f: health if i in fingers else "ok" for i, f in enumerate(LEAP.finger_names)}
         assert interface.explanation.row(index)["touch_health"] == expected
     interface.step(noisy(observation(2), STEPS), draft_of(2))
     assert set(interface.explanation.row(0)["touch_health"].values()) == {"ok"}
