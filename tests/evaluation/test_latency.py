@@ -49,7 +49,9 @@ def test_interfaces_are_timed_as_they_run_by_default(networks):
 
 def test_the_grid_counts_the_draft_among_the_candidates(networks, monkeypatch):
     seen = {}
-    monkeypatch.setattr(latency, "measure", lambda made, steps: seen.update(made) or dict.fromkeys(made))
+    monkeypatch.setattr(
+        latency, "measure", lambda hand, made, steps: seen.update(made) or dict.fromkeys(made)
+    )
     assert set(latency.grid(LEAP, networks, 1, (4, 7), (1, 2))) == {(4, 1), (4, 2), (7, 1), (7, 2)}
     for name, interface in seen.items():
         assert isinstance(interface, DexFlexInterface)

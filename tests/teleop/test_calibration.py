@@ -3,7 +3,7 @@ import pytest
 from moving_hand import MovingHand, bent, record
 from synthetic_hand import HAND, LEFT_HAND
 
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import LEAP, SHARPA
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.teleop.calibration import HELD, OpenHand
 
@@ -84,3 +84,12 @@ def test_only_the_little_finger_may_be_lost(lost, fits):
 def test_a_stream_that_stops_is_not_a_hand_that_is_still():
     found, _, _ = watch(lambda t: record(t) if t < 0.5 else None)
     assert found is None
+
+
+@pytest.mark.parametrize(("lost", "fits"), [([], True), ([20], False)])
+def test_a_hand_with_a_little_finger_wants_to_see_that_of_the_person(lost, fits):
+    found, _, complaint = watch(lambda t: record(t, lost=lost), eyes=OpenHand(SHARPA))
+    assert (found is not None) == fits
+    assert complaint == ""
+    if found is not None:
+        assert found.hand is SHARPA

@@ -6,7 +6,7 @@ from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.arm import robot_model, rotation_vector
 from lerobot_dexflex.hand.kernels import fingertips
 from lerobot_dexflex.hand.model import robot_joints
-from lerobot_dexflex.hands import LEAP
+from lerobot_dexflex.hands import LEAP, SHARPA
 from lerobot_dexflex.streams.retarget import calibrate
 from lerobot_dexflex.streams.wrist_frame import Frame
 from lerobot_dexflex.teleop.ik import ARM_SPEED, RobotIK
@@ -168,3 +168,23 @@ def test_a_robot_outside_of_its_limits_is_taken_at_them(ik):
     ik.put(np.full(23, 9.0))
     assert (ik.joints <= HIGH).all()
     assert (ik.joints >= HIGH - 2e-3).all()
+
+
+def test_another_hands_palm_and_fingertips_are_led_too():
+    """Five fingers of four and five joints; each tip to 0.5 mm, the palm to 1 mm, in 0.4 s."""
+    rng = np.random.default_rng(0)
+    arm = START[:7]
+    ik = RobotIK(SHARPA, (*arm, *SHARPA.loose_joints))
+    for _ in range(4):
+        bent = np.clip(
+            SHARPA.loose_joints + rng.uniform(-0.15, 0.15, SHARPA.n_joints),
+            SHARPA.joint_lower + 2e-3,
+            SHARPA.joint_upper - 2e-3,
+        )
+        there = RobotIK(SHARPA, (*(arm + rng.uniform(-0.15, 0.15, 7)), *bent))
+        ik.put((*arm, *SHARPA.loose_joints))
+        for _ in range(20):
+            joints = ik.solve(there.palm, there.tips, DT)
+        assert joints.shape == (7 + SHARPA.n_joints,)
+        assert (errors(ik, there.palm, there.tips) < (1e-3, 4e-3, 5e-4)).all()
+    np.testing.assert_allclose(ik.tips, fingertips(SHARPA.tables, joints[7:]), atol=1e-5)
