@@ -11,7 +11,7 @@ CONTROLLER_FILES = ("config.json", "model.safetensors")
 SHIPPED = Path(__file__).resolve().parents[2] / "policies/checkpoints/controller_leap"
 """Where the repository keeps its own controller."""
 _HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
-_TRAIN = "dexflex-train --config=configs/controller/leap.yaml"
+_TRAIN = "dexflex-train --config=configs/controller/full.yaml"
 
 
 def find_controller(where: str | Path | None, files: Sequence[str] = CONTROLLER_FILES) -> Path:
