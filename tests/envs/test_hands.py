@@ -64,6 +64,7 @@ def test_hands_are_given_by_name_or_as_they_are(hand):
     assert by_name.joints == TASKS["PlaceHammer-v0"].joints(hand)
     assert by_name.joints[7:] == hand.joint_names
     assert by_name.action_space.shape == (7 + hand.n_joints,)
+    assert isinstance(itself.action_space, gymnasium.spaces.Box)
     np.testing.assert_allclose(itself.action_space.low[7:], hand.joint_lower, atol=1e-6)
 
 

@@ -36,7 +36,7 @@ OTHER = {
     "lerobot_dexflex/runs/provenance.py": ("slice at 16",),
     "lerobot_dexflex/streams/record.py": ("calls a finger 'pinky'", "calls a finger 'thumb'"),
 }
-"""What looks like a hand and is none: sides of geoms, edges of cones, digits of a digest, fingers of people."""
+"""What looks like a hand and is none: sides of geoms, edges of cones, digits, fingers of people."""
 
 NOT_YET = {
     "lerobot_dexflex/controller/chunks.py",
@@ -78,7 +78,7 @@ def findings(text: str) -> list[str]:
     documents = {id(node) for each in ast.walk(tree) if (node := _docstring(each)) is not None}
     found = []
     for node in ast.walk(tree):
-        found += [(node.lineno, what) for what in _of_one_hand(node, id(node) in documents)]
+        found += [(getattr(node, "lineno", 0), what) for what in _of_one_hand(node, id(node) in documents)]
     return [f"{line}: {what}" for line, what in sorted(set(found))]
 
 

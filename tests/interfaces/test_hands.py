@@ -20,7 +20,7 @@ from lerobot_dexflex.interfaces.grip import centres_of_pressure, loads_of
 NO_SERVO = "servo=0+back=0"
 
 
-@pytest.fixture(params=HANDS.values(), ids=HANDS)
+@pytest.fixture(params=HANDS.values(), ids=list(HANDS))
 def hand(request):
     return request.param
 

@@ -14,7 +14,7 @@ from lerobot_dexflex.interfaces import Method, make_interface
 from lerobot_dexflex.interfaces.commanded_hand import CommandedHand
 
 
-@pytest.fixture(params=HANDS.values(), ids=HANDS)
+@pytest.fixture(params=HANDS.values(), ids=list(HANDS))
 def hand(request):
     return request.param
 

@@ -11,6 +11,7 @@ from lerobot_dexflex.evaluation.reach.benchmark import Benchmark
 from lerobot_dexflex.evaluation.reach.bounds import ORACLE
 from lerobot_dexflex.evaluation.reach.report import PAGE, TABLES, write_report
 from lerobot_dexflex.evaluation.reach.summary import summarise
+from lerobot_dexflex.hands import HANDS
 from lerobot_dexflex.interfaces import INTERFACES
 from lerobot_dexflex.runs.provenance import imported
 from lerobot_dexflex.runs.table import KEY, Table
@@ -192,3 +193,17 @@ def test_the_report_is_one_file_and_says_where_its_rows_come_from(tmp_path, loop
     tables = (tmp_path / "out" / TABLES).read_text()
     assert "| raw | 0.25 [0.25, 0.25] | 0.75 [0.75, 0.75] | 0.25 [0.25, 0.25] |" in tables
     assert "| raw | 0/5 (0-43 %) | 3/5 (23-88 %) |" in tables
+
+
+def test_rows_and_chains_of_another_hand_stay_apart(tmp_path):
+    leap, sharpa = (Benchmark(("raw",), ("clean",), tmp_path, tmp_path, hand=hand) for hand in HANDS)
+    assert leap.version("raw") != sharpa.version("raw")
+    assert "hand=sharpa" in sharpa.version("raw").settings
+    assert leap.book("clean").path.name == "leap_unverified_100000.jsonl"
+    assert sharpa.book("clean").path.name == "sharpa_unverified_100000.jsonl"
+    assert sharpa.book("clean").hand is HANDS["sharpa"]
+
+
+def test_an_unknown_hand_is_refused_with_the_known_ones(tmp_path):
+    with pytest.raises(DexFlexError, match=r"no hand 'claw'. Choose from .*'sharpa'"):
+        Benchmark(("raw",), ("clean",), tmp_path, tmp_path, hand="claw")
