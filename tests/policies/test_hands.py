@@ -66,6 +66,7 @@ def test_raw_leads_all_five_fingertips_where_they_are_planned(policy, dataset):
     chunk = torch.cat([torch.zeros(4, 7), wanted], 1)[:, None].expand(-1, 24, -1)
     policy.reset()
     policy.execution.begin(chunk)
+    targets = batch["observation.state"]
     for _ in range(3):
         targets = policy.execution.step(batch)
         batch["observation.state"] = targets
