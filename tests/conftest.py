@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from functools import cache
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
@@ -122,6 +123,11 @@ def synthetic_dataset(tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def controller():
     """A controller of random weights, also where it would start at zero; but it takes drafts for motion."""
+    return random_controller()
+
+
+@cache
+def random_controller():
     import torch
 
     from lerobot_dexflex.controller import DexFlexController
@@ -137,11 +143,11 @@ def controller():
 
 
 @pytest.fixture(scope="session")
-def controller_folder(controller, tmp_path_factory):
+def controller_folder(tmp_path_factory):
     """The folder of the random controller, with random weights of DexGen."""
     from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 
-    folder = tmp_path_factory.mktemp("controller")
+    controller, folder = random_controller(), tmp_path_factory.mktemp("controller")
     controller.save_pretrained(folder)
     prior = DiffusionPrior(controller.config)
     prior.network.load_state_dict(controller.prior.state_dict())

@@ -40,9 +40,8 @@ class FilterInterface(CommandedInterface):
         with self.all_or_nothing():
             measured = self._hand.look(observation)
             checked = check_draft(draft, (self.hand.n_fingers, 3), len(measured.joints), MEANING)
-            before = fingertips(
-                self.hand, self._hand.posture
-            )  # What was commanded last; measured in new rows.
+            # What was commanded last; measured in new rows.
+            before = fingertips(self.hand, self._hand.posture)
             wanted = measured.tips + checked[:, 0]
             lead = before + self.share * (wanted - before) - measured.tips
             lead = lead * (self.limit / lead.norm(dim=-1, keepdim=True).clamp(min=self.limit))

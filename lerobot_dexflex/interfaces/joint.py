@@ -19,10 +19,8 @@ class JointInterface(CommandedInterface):
         """Return the draft's first joint targets [rad], shape (batch, joints); see `Interface.step`."""
         with self.all_or_nothing():
             measured = self._hand.look(observation)
-            rows = len(measured.joints)
-            targets = check_draft(draft, (self.hand.n_joints,), rows, "absolute hand joint targets [rad]")[
-                :, 0
-            ]
-            joints = self._hand.execute(targets)
+            shape, rows = (self.hand.n_joints,), len(measured.joints)
+            checked = check_draft(draft, shape, rows, "absolute hand joint targets [rad]")
+            joints = self._hand.execute(checked[:, 0])
         self._motion = fingertips(self.hand, joints) - measured.tips
         return joints.to(draft.dtype)

@@ -21,6 +21,7 @@ from pathlib import Path
 import gymnasium
 
 import lerobot_dexflex  # Registers the tasks.
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.runs import provenance
 
 digest, given = provenance.code_digest, []
@@ -58,7 +59,6 @@ def replay():
 
 
 def expert():
-    from lerobot_dexflex.hands import LEAP
     from lerobot_dexflex.recording.expert_rate import expert_rate
 
     return expert_rate(LEAP, "PlaceHammer-v0", 1, 0, 0, Path(sys.argv[1]) / "tasks.csv", quiet=True)

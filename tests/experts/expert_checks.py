@@ -82,6 +82,11 @@ def demonstrate(task: str, seed: int | None = None) -> Demonstration:
     return run_expert(task, seed_of(task) if seed is None else seed)
 
 
+def succeeding(task: str, seeds: tuple[int, ...]) -> Demonstration:
+    """Return the first demonstration that succeeds: which does depends on the processor's last bits."""
+    return next(shown for seed in seeds if (shown := demonstrate(task, seed)).infos[-1]["is_success"])
+
+
 def angle_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the angle between unit vectors [rad], over the last axis."""
     return np.arccos(np.clip((first * second).sum(-1), -1, 1))

@@ -3,11 +3,13 @@ import numpy as np
 import pytest
 
 from lerobot_dexflex.evaluation.outcome import Motion
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.teleop.view import RerunView, make_view
 
 
 class Twenty(gymnasium.Env):
     metadata = {"render_fps": 20}  # noqa: RUF012
+    hand = LEAP
 
 
 ENV = Twenty()
