@@ -1,3 +1,5 @@
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -104,7 +106,7 @@ def test_a_policy_whose_post_processor_makes_joint_targets_has_an_action_of_anot
 
 
 def test_the_environment_has_the_hand_that_is_named():
-    vector = DexflexEnvConfig(task="Reach-v0", hand="sharpa", options={"cameras": []}).create_envs(1)
+    vector: Any = DexflexEnvConfig(task="Reach-v0", hand="sharpa", options={"cameras": []}).create_envs(1)
     assert vector["dexflex"][0].call("hand")[0].name == "sharpa"
     with pytest.raises(ParsingError, match=r"--env.hand: There is no hand 'leapt'. Choose from .*'leap'"):
         DexflexEnvConfig(hand="leapt")
