@@ -290,7 +290,7 @@ def benchmark_markdown(results: Path, table: Benchmark) -> str:
     several = len({family(condition) for condition in conditions} - {None}) > 1
     shown = summary.conditions if several else summary.run
     rows = [
-        [f"`{method}`", *(mean_text(summary.means[method, condition]["progress"]) for condition in shown)]
+        [f"`{method}`", *(mean_text(summary.mean(method, condition, "progress")) for condition in shown)]
         for method in methods
     ]
     tests = [row for row in test_rows(summary) if row[0] in shown]

@@ -94,6 +94,11 @@ def _synthetic_frame(rng, goal, phase, images, hand, n_joints, offset, squeeze):
     return views | {key: value.astype(np.float32) for key, value in vectors.items()}
 
 
+def pytest_collection_modifyitems(items):
+    """The longest first, so that no process is left alone with one at the end."""
+    items.sort(key=lambda item: "test_readme" not in item.nodeid)
+
+
 @pytest.fixture(scope="session")
 def load_script() -> Callable[[str], ModuleType]:
     """Returns a script of `eval/`, by its name, as a module."""

@@ -61,7 +61,7 @@ def bars(summary: Summary, setting: tuple[str, ...] = ()) -> bytes:
     for axes, (metric, label) in zip(panels, BARS.items(), strict=True):
         for k, name in enumerate(methods):
             at = np.arange(len(conditions)) + (k - (len(methods) - 1) / 2) * width
-            heights, error = _drawn([summary.means[name, condition][metric] for condition in conditions])
+            heights, error = _drawn([summary.mean(name, condition, metric) for condition in conditions])
             axes.bar(at, heights, 0.92 * width, color=colour(k), label=name)
             axes.errorbar(at, heights, yerr=error, fmt="none", ecolor=INK, elinewidth=0.8, capsize=1.5)
         axes.set(ylabel=label, ylim=(0, None))
@@ -126,7 +126,7 @@ def gains(summary: Summary) -> bytes | None:
     figure, axes = new_figure(4.6, 2.8)
     for k, (name, curve) in enumerate(curves.items()):
         at = sorted(curve)
-        heights, error = _drawn([summary.means[curve[gain], FAMILIES]["progress"] for gain in at])
+        heights, error = _drawn([summary.mean(curve[gain], FAMILIES, "progress") for gain in at])
         style = {"color": colour(k), "capsize": 3, "lw": 1.8, "fmt": "o-", "label": name}
         axes.errorbar(at, heights, yerr=error, **style)
     axes.set(xlabel="gain of the motion", ylabel="progress, mean over families")
@@ -142,7 +142,7 @@ def ablations(summary: Summary) -> bytes | None:
     names = [summary.reference, *ablated]
     figure, axes = new_figure(5.2, 0.34 * len(names) + 0.7)
     for k, name in enumerate(names):
-        at, error = _drawn([summary.means[name, FAMILIES]["progress"]])
+        at, error = _drawn([summary.mean(name, FAMILIES, "progress")])
         axes.errorbar(at, k, xerr=error, fmt="o", color=colour(0 if k == 0 else 4), capsize=3)
     axes.set(xlabel="progress, mean over families", ylim=(len(names) - 0.5, -0.5))
     axes.set_yticks(range(len(names)), names)

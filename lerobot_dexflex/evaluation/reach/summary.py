@@ -1,6 +1,6 @@
 """From rows to means with intervals, averages over families of errors, and paired tests."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,7 +9,6 @@ import pandas as pd
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.evaluation.conditions import Condition
 from lerobot_dexflex.evaluation.reach.bounds import BOUNDS
-from lerobot_dexflex.evaluation.reach.metrics import Metrics
 from lerobot_dexflex.interfaces.method import Method
 from lerobot_dexflex.runs.statistics import Mean, holm, mean_interval, rank_test
 
@@ -58,8 +57,6 @@ class Summary:
     """In the order of the tables, averages first."""
     reference: str
     """Method that all others are tested against."""
-    means: Mapping[tuple[str, str], Mapping[str, Mean | None]]
-    """Every metric by method and condition."""
     tests: tuple[ProgressTest, ...]
 
     @property
@@ -75,6 +72,10 @@ class Summary:
     def of(self, method: str, condition: str) -> pd.DataFrame:
         """Return the rows of a method under a condition, by their seeds."""
         return rows_of(self.rows, method, condition)
+
+    def mean(self, method: str, condition: str, metric: str) -> Mean | None:
+        """Return the mean of one of `Metrics` over the episodes for which it is defined."""
+        return mean_interval(self.of(method, condition)[metric].dropna().tolist())
 
 
 def summarise(
@@ -107,12 +108,7 @@ def summarise(
     parts = [_average(rows, [each for each in conditions if average_of(each) == name]) for name in averages]
     rows = pd.concat([rows, *parts], ignore_index=True)
     conditions = (*averages, *conditions)
-    means = {
-        (method, condition): _means(rows_of(rows, method, condition))
-        for method in methods
-        for condition in conditions
-    }
-    return Summary(rows, methods, conditions, reference, means, _tests(rows, methods, conditions, reference))
+    return Summary(rows, methods, conditions, reference, _tests(rows, methods, conditions, reference))
 
 
 def rows_of(rows: pd.DataFrame, method: str, condition: str) -> pd.DataFrame:
@@ -177,10 +173,6 @@ def _average(rows: pd.DataFrame, averaged: Sequence[str]) -> pd.DataFrame:
         found[name] = wide.dropna().T.groupby(family).mean().mean()
     average = pd.DataFrame(found).rename_axis(["method", "seed"]).reset_index()
     return average.assign(condition=average_of(averaged[0]))
-
-
-def _means(rows: pd.DataFrame) -> dict[str, Mean | None]:
-    return {name: mean_interval(rows[name].dropna().tolist()) for name in Metrics._fields}
 
 
 def _tests(

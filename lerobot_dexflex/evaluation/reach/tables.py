@@ -38,7 +38,7 @@ def metric_header(summary: Summary) -> list[str]:
 def metric_rows(summary: Summary, metric: str) -> Rows:
     """Return one row per method: a metric under every condition, with intervals."""
     return [
-        [method, *(mean_text(summary.means[method, condition][metric]) for condition in summary.conditions)]
+        [method, *(mean_text(summary.mean(method, condition, metric)) for condition in summary.conditions)]
         for method in summary.methods
     ]
 
@@ -66,13 +66,13 @@ def split_rows(summary: Summary) -> Rows:
             method,
             condition,
             *(
-                _pair(means[f"{metric}_event"], means[f"{metric}_calm"])
+                _pair(*(summary.mean(method, condition, f"{metric}_{when}") for when in ("event", "calm")))
                 for metric in ("intent", "intervention")
             ),
         ]
         for condition in summary.run
         for method in summary.methods
-        if (means := summary.means[method, condition])["intent_event"]
+        if summary.mean(method, condition, "intent_event")
     ]
 
 

@@ -30,7 +30,7 @@ def rows(table):
 
 
 def mean(summary, method, condition, metric="progress"):
-    found = summary.means[method, condition][metric]
+    found = summary.mean(method, condition, metric)
     assert found is not None
     return found.mean
 
@@ -77,7 +77,7 @@ def test_a_metric_that_no_episode_has_has_no_average():
     table = rows({("raw", "noise_1mm"): [0.2, 0.4], ("press", "noise_1mm"): [0.2, 0.4]})
     table.loc[table["method"] == "raw", "goal_steps"] = None
     found = summarise(table)
-    assert found.means["raw", FAMILIES]["goal_steps"] is None
+    assert found.mean("raw", FAMILIES, "goal_steps") is None
     assert mean(found, "press", FAMILIES, "goal_steps") == pytest.approx(0.3)
 
 
