@@ -127,18 +127,25 @@ def synthetic_dataset(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def controller():
-    """A controller of random weights, also where it would start at zero; but it takes drafts for motion."""
-    return random_controller()
+    """LEAP's of `controller_of`."""
+    return random_controller(LEAP.name)
+
+
+@pytest.fixture(scope="session")
+def controller_of():
+    """Returns the controller of a hand, by its name, that has random weights, also where it would start at
+    zero; but it takes drafts for motion."""
+    return random_controller
 
 
 @cache
-def random_controller():
+def random_controller(hand):
     import torch
 
-    from lerobot_dexflex.controller import DexFlexController
+    from lerobot_dexflex.controller import ControllerConfig, DexFlexController
 
     torch.manual_seed(0)
-    controller = DexFlexController()
+    controller = DexFlexController(ControllerConfig(hand=hand))
     with torch.no_grad():
         for value in controller.parameters():
             value.add_(0.02 * torch.randn_like(value))
@@ -152,7 +159,7 @@ def controller_folder(tmp_path_factory):
     """The folder of the random controller, with random weights of DexGen."""
     from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 
-    controller, folder = random_controller(), tmp_path_factory.mktemp("controller")
+    controller, folder = random_controller(LEAP.name), tmp_path_factory.mktemp("controller")
     controller.save_pretrained(folder)
     prior = DiffusionPrior(controller.config)
     prior.network.load_state_dict(controller.prior.state_dict())

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from lerobot_dexflex.controller import ControllerConfig, DexFlexController, SelectionSettings
+from lerobot_dexflex.controller import SelectionSettings
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.conventions import GRAVITY, STATE, TACTILE
 from lerobot_dexflex.hand.kinematics import (
@@ -24,17 +24,6 @@ FEW = SelectionSettings(n_pure=2, n_seeded=2, n_finger=5)
 pytestmark = pytest.mark.parametrize("hand", [LEAP, SHARPA], ids=lambda hand: hand.name)
 
 
-def controller_of(hand):
-    torch.manual_seed(0)
-    controller = DexFlexController(ControllerConfig(hand=hand.name))
-    with torch.no_grad():
-        for value in controller.parameters():
-            value.add_(0.02 * torch.randn_like(value))
-        for value in controller.splitter.out.parameters():
-            value.zero_()
-    return controller.eval().requires_grad_(False)
-
-
 def observed(hand, rows=2, load=1.0):
     """Half-closed hands, an arm of seven joints before them, whose fingers all carry a load [N]."""
     generator = torch.Generator().manual_seed(0)
@@ -51,8 +40,8 @@ def draft_of(hand, rows=2, size=0.001):
     return size * torch.randn(rows, 8, hand.n_fingers, 3, generator=generator, dtype=torch.float64)
 
 
-def test_the_decoders_forces_lead_the_joints_of_every_finger_by_its_own_gains(hand):
-    controller, newtons = controller_of(hand), 1.5
+def test_the_decoders_forces_lead_the_joints_of_every_finger_by_its_own_gains(controller_of, hand):
+    controller, newtons = controller_of(hand.name), 1.5
     joints, seen = observed(hand, rows=1)
     inward = pads(hand, joints)[1]
     rotation = finger_frames(hand, joints).distal_rotation  # Forces are decoded in these frames.
@@ -74,8 +63,8 @@ def test_the_decoders_forces_lead_the_joints_of_every_finger_by_its_own_gains(ha
     assert grip == pytest.approx(dict.fromkeys(hand.finger_names, newtons))
 
 
-def test_a_chosen_chunk_is_executed_within_the_limits_and_explained_by_the_fingers_names(hand):
-    interface, (_, seen) = DexFlexInterface(hand, controller_of(hand), FEW), observed(hand)
+def test_a_chosen_chunk_is_executed_within_the_limits_and_explained_by_the_fingers_names(controller_of, hand):
+    interface, (_, seen) = DexFlexInterface(hand, controller_of(hand.name), FEW), observed(hand)
     for k in range(3):
         interface.step({**seen, TACTILE: seen[TACTILE] + 1e-3 * k}, draft_of(hand))
     targets = interface.step(seen, draft_of(hand))
@@ -88,9 +77,9 @@ def test_a_chosen_chunk_is_executed_within_the_limits_and_explained_by_the_finge
     assert set(row["touch_health"].values()) == {"ok"}
 
 
-def test_free_fingers_follow_the_draft_below_dexgen_and_the_others_its_inverse_dynamics(hand):
+def test_free_fingers_follow_the_draft_below_dexgen_and_the_others_its_inverse_dynamics(controller_of, hand):
     """Dynamics that lead every joint by 0.1 rad tell whose finger it is."""
-    controller = controller_of(hand)
+    controller = controller_of(hand.name)
     prior: Any = DiffusionPrior(controller.config).requires_grad_(False)
     prior.dynamics[-1].weight.zero_()
     prior.dynamics[-1].bias.fill_(1.0)
