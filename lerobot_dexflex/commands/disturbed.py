@@ -13,7 +13,6 @@ from lerobot_dexflex.commands.stream import ErrorStream, Seed, seeds_of
 from lerobot_dexflex.conventions import STATE, TACTILE
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, pads, solve_fingertips
-from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.protocol import Interface
 from lerobot_dexflex.interfaces.wrapper import WrappedInterface
 
@@ -27,21 +26,20 @@ class DisturbedInterface(WrappedInterface):
     kinematics of `raw`.
 
     Args:
-        hand: The hand that the interface moves.
-        inner: Any interface of this hand.
+        inner: Any interface.
         errors: What goes wrong with the drafts.
         held: Whether drafts repeat their first step, as a glove's do; see `ErrorStream.step`.
     """
 
-    def __init__(self, hand: Hand, inner: Interface, errors: CommandErrors, held: bool = False) -> None:
+    def __init__(self, inner: Interface, errors: CommandErrors, held: bool = False) -> None:
         super().__init__(inner)
-        self._hand, self.errors, self._held = hand, errors, held
+        self.errors, self._held = errors, held
         self._removes = "removal" in errors.families
-        self._stream = ErrorStream(hand, 0)
+        self._stream = ErrorStream(self.hand, 0)
 
     def begin(self, seeds: Sequence[Seed]) -> None:
         """Begin an episode per row, whose errors follow from its seed: the same for every interface."""
-        self._stream = ErrorStream(self._hand, len(seeds))
+        self._stream = ErrorStream(self.hand, len(seeds))
         for row, seed in enumerate(seeds):
             self._stream.begin(row, self.errors, seeds_of(self.errors, seed))
 
@@ -81,33 +79,32 @@ class DisturbedInterface(WrappedInterface):
         return self.inner.step(observation, spoil(observation, draft.double()).to(draft.dtype))
 
     def _motion(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
-        joints = observation[STATE][:, -self._hand.n_joints :].double()
-        tips = fingertips(self._hand, joints)
+        joints = observation[STATE][:, -self.hand.n_joints :].double()
+        tips = fingertips(self.hand, joints)
         here = tips[:, None]
         draft = self._stream.delayed(here + draft) - here
         return self._stream.step(draft, tips, *self._felt(observation, joints), held=self._held)
 
     def _joints(self, observation: Mapping[str, Tensor], draft: Tensor) -> Tensor:
-        measured = observation[STATE][:, -self._hand.n_joints :].double()
-        tips = fingertips(self._hand, measured)
+        measured = observation[STATE][:, -self.hand.n_joints :].double()
+        tips = fingertips(self.hand, measured)
         here = tips[:, None]
         draft = self._stream.delayed(draft)
         joints = draft.flatten(0, 1)
-        motion = (
-            fingertips(self._hand, joints).unflatten(0, draft.shape[:2]) - here
-        )  # (batch, steps, fingers, 3)
+        # Shape (batch, steps, fingers, 3).
+        motion = fingertips(self.hand, joints).unflatten(0, draft.shape[:2]) - here
         spoilt = self._stream.step(motion, tips, *self._felt(observation, measured), held=self._held)
-        solved = solve_fingertips(self._hand, (here + spoilt).flatten(0, 1), joints).view_as(draft)
+        solved = solve_fingertips(self.hand, (here + spoilt).flatten(0, 1), joints).view_as(draft)
         struck = (spoilt != motion).flatten(3).any(-1).any(1)[:, None]  # (batch, 1, fingers)
-        finger_of_joint = torch.tensor(self._hand.finger_of_joint, device=struck.device)
+        finger_of_joint = torch.tensor(self.hand.finger_of_joint, device=struck.device)
         return torch.where(struck.index_select(-1, finger_of_joint), solved, draft)
 
     def _felt(self, observation: Mapping[str, Tensor], joints: Tensor) -> tuple[Tensor, Tensor]:
         """Return loads [N], (batch, fingers), and inward normals, (batch, fingers, 3), for removals."""
-        fingers = self._hand.n_fingers
+        fingers = self.hand.n_fingers
         if not self._removes:
             return joints.new_zeros(len(joints), fingers), joints.new_zeros(len(joints), fingers, 3)
         if TACTILE not in observation:
             raise DexFlexError(f"{self.errors.name!r} needs touch: the observation lacks {TACTILE}.")
         loads = observation[TACTILE].double().unflatten(1, (fingers, -1)).sum(-1)
-        return loads, pads(self._hand, joints)[1]
+        return loads, pads(self.hand, joints)[1]

@@ -16,7 +16,6 @@ from lerobot_dexflex.conventions import LEROBOT_KEYS, STATE
 from lerobot_dexflex.experts.command import Command
 from lerobot_dexflex.hand.kernels import fingertips
 from lerobot_dexflex.hand.model import ARM_JOINTS
-from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces.protocol import Interface
 
 _ARM = len(ARM_JOINTS)
@@ -30,7 +29,6 @@ class GlovedHand:
     joints: without errors they pass bit for bit, with errors they are moved as a policy's joint plans.
 
     Args:
-        hand: The hand that is moved.
         interface: Executes drafts, or joints.
         errors: Of the glove and of the person in it.
         seed: Of the errors and the person.
@@ -39,10 +37,10 @@ class GlovedHand:
     """
 
     def __init__(
-        self, hand: Hand, interface: Interface, errors: CommandErrors, seed: Seed, source: Source = "motion"
+        self, interface: Interface, errors: CommandErrors, seed: Seed, source: Source = "motion"
     ) -> None:
-        self._hand = hand
-        self._interface = DisturbedInterface(hand, interface, errors, held=True)
+        self._hand = interface.hand
+        self._interface = DisturbedInterface(interface, errors, held=True)
         self._interface.reset()
         self._interface.begin([seed])
         self._source: Source = source

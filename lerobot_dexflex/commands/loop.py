@@ -199,7 +199,6 @@ class Slot:
 
 
 def run_chains(
-    hand: Hand,
     chains: Sequence[Chain],
     errors: CommandErrors | Sequence[CommandErrors],
     interface: Interface,
@@ -216,8 +215,7 @@ def run_chains(
     same starts, goals and errors.
 
     Args:
-        hand: The hand that holds the objects.
-        chains: Starts and goals, found with this hand.
+        chains: Starts and goals, found with the hand of the interface.
         errors: What goes wrong with the drafts, for all or for each chain.
         interface: The method under test.
         source: What a draft says.
@@ -228,6 +226,7 @@ def run_chains(
     """
     spoilt = [errors] * len(chains) if isinstance(errors, CommandErrors) else list(errors)
     batch = min(batch, len(chains))
+    hand = interface.hand
     environments = [ReachEnv(cameras=(), hand=hand) for _ in range(batch)]
     waiting = iter(range(len(chains)))
     finished: dict[int, Episode] = {}

@@ -54,7 +54,7 @@ class LeRobotPolicies:
         loaded = load_checkpoint(
             self.hand, self.checkpoint(method), parsed, self.device, self.controller, self.draft
         )
-        return LeRobotController(self.hand, loaded, errors)
+        return LeRobotController(loaded, errors)
 
     def checkpoint(self, method: str) -> Path:
         """Return the checkpoint folder of a method."""
@@ -113,7 +113,7 @@ class AdaptedPolicies:
     def __call__(self, method: str, errors: CommandErrors = NO_ERRORS) -> "LeRobotController":
         """Put the method's interface under the policy, with what goes wrong with its plans."""
         loaded = load_adapter(self.hand, self.backbone, Method.parse(method), self.device, self.controller)
-        return LeRobotController(self.hand, loaded, errors)
+        return LeRobotController(loaded, errors)
 
     def check(self, methods: Sequence[str]) -> None:
         """Refuse what cannot run, before anything does.
@@ -143,16 +143,15 @@ class LeRobotController:
     """A LeRobot policy under one interface, batched, its noise drawn per episode. Satisfies `Controller`.
 
     Args:
-        hand: The hand.
         loaded: A policy with an interface.
         errors: What goes wrong with its plans.
     """
 
-    def __init__(self, hand: Hand, loaded: LoadedPolicy, errors: CommandErrors = NO_ERRORS) -> None:
+    def __init__(self, loaded: LoadedPolicy, errors: CommandErrors = NO_ERRORS) -> None:
         self._policy, self._preprocess, self._postprocess = loaded
         execution = self._policy.execution
         self._observer = ObservedInterface(execution.interface)
-        self._disturbed = DisturbedInterface(hand, self._observer, errors) if errors else None
+        self._disturbed = DisturbedInterface(self._observer, errors) if errors else None
         execution.interface = self._disturbed or self._observer
         self._generators: list[torch.Generator] = []
 

@@ -123,7 +123,7 @@ class ReplayController:
     ) -> None:
         self._hand = hand
         self._actions = torch.from_numpy(np.array(actions, np.float64))
-        self._interface = DisturbedInterface(hand, make_interface(hand, interface), errors)
+        self._interface = DisturbedInterface(make_interface(hand, interface), errors)
         self._step = 0
 
     def reset(self, seeds: Sequence[int]) -> None:

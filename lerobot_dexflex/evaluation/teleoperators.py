@@ -103,7 +103,7 @@ class TeleoperatorController:
         expert, source = make_expert(players.task), players.source
         for row, (env, seed) in enumerate(zip(environments, self._seeds, strict=True)):
             self._commands.append(expert(env.unwrapped, np.random.default_rng((seed, _OWN))))
-            self._hands.append(GlovedHand(players.hand, self._observers[row], self._errors, seed, source))
+            self._hands.append(GlovedHand(self._observers[row], self._errors, seed, source))
 
     def act(self, observation: Mapping[str, Any], task: str) -> NDArray[np.floating]:
         """Return joint targets [rad] (batch, joints); an expert that is done keeps its last command."""

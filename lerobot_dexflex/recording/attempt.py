@@ -138,7 +138,7 @@ def run_attempt(
     env = gymnasium.make(f"{NAMESPACE}/{task}", hand=hand, disable_env_checker=True, **options)
     try:
         errors, below = CommandErrors.parse(glove), _interface(hand, interface, controller)
-        gloved = GlovedHand(hand, below, errors, (seed, index, 1), check_source(source))
+        gloved = GlovedHand(below, errors, (seed, index, 1), check_source(source))
         return _run(env, expert, seed, index, cameras, gloved)
     finally:
         env.close()

@@ -27,8 +27,8 @@ class LedHand(GlovedHand):
     fingers that are straight, or bend back as the robot's relaxed ones do, some would close the wrong way.
     """
 
-    def __init__(self, hand: Hand, interface: Interface) -> None:
-        super().__init__(hand, interface, NO_ERRORS, 0)
+    def __init__(self, interface: Interface) -> None:
+        super().__init__(interface, NO_ERRORS, 0)
         self.handed_over = False
         """Whether the interface has taken over."""
 
@@ -49,7 +49,6 @@ class Hands:
     """Makes the hand of each attempt; a simulated person differs from attempt to attempt.
 
     Args:
-        hand: The hand that is led.
         interface: Executes drafts, or joints.
         seed: Of the recording.
         errors: Of a simulated person; None for one who leads the hand himself.
@@ -58,22 +57,19 @@ class Hands:
 
     def __init__(
         self,
-        hand: Hand,
         interface: Interface,
         seed: int = 0,
         errors: CommandErrors | None = None,
         source: Source = "motion",
     ) -> None:
-        self._hand, self._observed = hand, ObservedInterface(interface)
-        self._seed, self._errors = seed, errors
+        self._observed, self._seed, self._errors = ObservedInterface(interface), seed, errors
         self._source: Source = source
 
     def __call__(self, index: int) -> GlovedHand:
         """Return the hand of attempt `index`; a simulated person's is that of `dexflex-record`."""
         if self._errors is None:
-            return LedHand(self._hand, self._observed)
-        seed = (self._seed, index, 1)
-        return GlovedHand(self._hand, self._observed, self._errors, seed, self._source)
+            return LedHand(self._observed)
+        return GlovedHand(self._observed, self._errors, (self._seed, index, 1), self._source)
 
     @property
     def motion(self) -> Motion | None:

@@ -88,12 +88,11 @@ def _leader(config: TeleopConfig, say: Say) -> Iterator[Leader]:
 
 
 def _hands(config: TeleopConfig) -> Hands:
-    hand = get_hand(config.hand)
-    interface = make_interface(hand, config.interface, config.controller)
+    interface = make_interface(get_hand(config.hand), config.interface, config.controller)
     if config.source != SIMULATED:
-        return Hands(hand, interface)
+        return Hands(interface)
     errors, source = CommandErrors.parse(config.simulated.glove), check_source(config.simulated.source)
-    return Hands(hand, interface, config.seed, errors, source)
+    return Hands(interface, config.seed, errors, source)
 
 
 @contextlib.contextmanager

@@ -7,7 +7,6 @@ from torch import Tensor
 
 from lerobot_dexflex.conventions import STATE, TACTILE
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces import Interface, Method
 from lerobot_policy_dexflex.chunk_execution import execute
 from lerobot_policy_dexflex.frame_index import FRAME_INDEX
@@ -18,13 +17,12 @@ class ActionExecution:
     """Turns actions into joint targets; every action needs the observation of its control step.
 
     Args:
-        hand: The hand.
         method: What the interface is.
         interface: Commands the hand.
     """
 
-    def __init__(self, hand: Hand, method: Method, interface: Interface) -> None:
-        self._hand, self.interface = hand, interface
+    def __init__(self, method: Method, interface: Interface) -> None:
+        self.interface = interface
         self._reads = (STATE, TACTILE) if _feels(method) else (STATE,)
 
     def reset(self, mask: Tensor | None = None) -> None:
@@ -53,11 +51,11 @@ class ActionExecution:
             if begins.any():
                 self.reset(None if begins.all() else begins)
         chunk = action if action.ndim == 3 else action[:, None]
-        columns = action_columns(self._hand, n_joints, self.interface.command_space)
+        columns = action_columns(self.interface.hand, n_joints, self.interface.command_space)
         if chunk.shape[-1] != len(columns):
             chunk = chunk[..., columns]
-        n_arm = n_joints - self._hand.n_joints
-        return execute(self._hand, self.interface, n_arm, chunk, 0, observation)
+        n_arm = n_joints - self.interface.hand.n_joints
+        return execute(self.interface, n_arm, chunk, 0, observation)
 
     def _check(self, observation: Mapping[str, Tensor], action: Tensor) -> int:
         """Return the number of joints."""
@@ -67,7 +65,7 @@ class ActionExecution:
                 f"The interface {self.interface.name!r} reads {', '.join(self._reads)}, but the observation "
                 f"lacks {', '.join(missing)}. It has: {', '.join(sorted(observation)) or 'nothing'}.{blind}"
             )
-        hand, state, shape = self._hand, observation[STATE], tuple(action.shape)
+        hand, state, shape = self.interface.hand, observation[STATE], tuple(action.shape)
         if state.ndim != 2 or state.shape[1] < hand.n_joints:
             raise DexFlexError(
                 f"{STATE!r} must have shape (batch, joints), the hand's {hand.n_joints} last [rad]. "
@@ -86,8 +84,8 @@ class ActionExecution:
     @property
     def _executed(self) -> str:
         if self.interface.command_space == "joint":
-            return f"{self._hand.n_joints} of the hand"
-        return f"{tip_numbers(self._hand)} fingertip coordinates in the palm frame [m]"
+            return f"{self.interface.hand.n_joints} of the hand"
+        return f"{tip_numbers(self.interface.hand)} fingertip coordinates in the palm frame [m]"
 
 
 def _feels(method: Method) -> bool:

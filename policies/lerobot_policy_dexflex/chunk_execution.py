@@ -7,7 +7,6 @@ from torch import Tensor
 
 from lerobot_dexflex.conventions import DRAFT_HORIZON, STATE
 from lerobot_dexflex.hand.kinematics import fingertips
-from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.interfaces import Interface
 from lerobot_policy_dexflex.drafts import joint_draft, tip_draft
 
@@ -16,15 +15,13 @@ class ChunkExecution:
     """The plan of one policy and how far it has been executed.
 
     Args:
-        hand: The hand.
-        interface: Commands it.
+        interface: Commands the hand.
         n_arm: Leading joints of the arm, which are executed as planned.
         n_steps: Control steps executed before a new chunk is due.
     """
 
-    def __init__(self, hand: Hand, interface: Interface, n_arm: int, n_steps: int) -> None:
-        self._hand, self.interface = hand, interface
-        self._n_arm, self._n_steps = n_arm, n_steps
+    def __init__(self, interface: Interface, n_arm: int, n_steps: int) -> None:
+        self.interface, self._n_arm, self._n_steps = interface, n_arm, n_steps
         self.reset()
 
     @property
@@ -53,19 +50,18 @@ class ChunkExecution:
             batch: Observation in raw units.
         """
         assert self._chunk is not None
-        targets = execute(self._hand, self.interface, self._n_arm, self._chunk, self._step, batch)
+        targets = execute(self.interface, self._n_arm, self._chunk, self._step, batch)
         self._step += 1
         return targets
 
 
 def execute(
-    hand: Hand, interface: Interface, n_arm: int, chunk: Tensor, step: int, observation: Mapping[str, Tensor]
+    interface: Interface, n_arm: int, chunk: Tensor, step: int, observation: Mapping[str, Tensor]
 ) -> Tensor:
     """Return the joint targets of one step of a chunk [rad]. Shape (batch, joints), float32.
 
     Args:
-        hand: The hand.
-        interface: Commands it.
+        interface: Commands the hand.
         n_arm: Leading joints of the arm, which are executed as planned.
         chunk: Arm joints [rad], then what the interface executes: hand joints [rad] or fingertips in the
             palm frame [m], both absolute. Shape (batch, steps, n_arm + hand's).
@@ -79,6 +75,7 @@ def execute(
         if interface.command_space == "joint":
             draft = joint_draft(part, step, DRAFT_HORIZON)
         else:
+            hand = interface.hand
             planned = part.double().unflatten(-1, (hand.n_fingers, 3))
             tips = fingertips(hand, observation[STATE][:, -hand.n_joints :].double())
             draft = tip_draft(planned, step, DRAFT_HORIZON, tips)

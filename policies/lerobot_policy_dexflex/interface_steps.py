@@ -133,7 +133,7 @@ class InterfaceProcessorStep(ProcessorStep):
                 f"{change}. Name the original with `controller`, a folder or hub id, or accept this one with "
                 f"an empty `controller_digest`, as overrides={{'{INTERFACE_STEP}': {{...}}}}."
             )
-        self._execution = ActionExecution(get_hand(self.hand), Method.parse(self.interface), interface)
+        self._execution = ActionExecution(Method.parse(self.interface), interface)
 
     @property
     def action_interface(self) -> Interface:

@@ -72,7 +72,7 @@ class DexflexAdapterPolicy(PreTrainedPolicy):
         interface = link_interface(config)
         self._columns = action_columns(hand, n_joints, interface.command_space)
         n_arm = n_joints - hand.n_joints
-        self.execution = ChunkExecution(hand, interface, n_arm, config.n_action_steps)
+        self.execution = ChunkExecution(interface, n_arm, config.n_action_steps)
 
     def get_optim_params(self) -> Iterable[nn.Parameter]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return nothing: the adapter is not trained."""

@@ -106,7 +106,7 @@ class DexflexFlowPolicy(PreTrainedPolicy):
         noise[: self.plan.n_arm] = config.arm_noise
         self.register_buffer("joint_noise", noise, persistent=False)
         interface = link_interface(config)
-        self.execution = ChunkExecution(hand, interface, self.plan.n_arm, config.n_action_steps)
+        self.execution = ChunkExecution(interface, self.plan.n_arm, config.n_action_steps)
         if dataset_stats is not None:
             self.begin_training(dataset_stats)
 

@@ -12,7 +12,7 @@ from lerobot_dexflex.commands.levels import LEVELS
 from lerobot_dexflex.commands.stream import ErrorStream, seeds_of
 from lerobot_dexflex.errors import DexFlexError
 from lerobot_dexflex.hand.kinematics import fingertips, pads
-from lerobot_dexflex.hands import LEAP, SHARPA
+from lerobot_dexflex.hands import LEAP, SHARPA, Hand
 from lerobot_dexflex.interfaces import CommandSpace
 from lerobot_dexflex.interfaces.method import make_interface
 
@@ -27,11 +27,11 @@ class Listener:
     """An interface that remembers the drafts it gets and never moves."""
 
     name: str = "listener"
-    hand = LEAP
     motion: torch.Tensor | None = None
 
-    def __init__(self, command_space: CommandSpace = "draft"):
+    def __init__(self, command_space: CommandSpace = "draft", hand: Hand = LEAP):
         self.command_space: CommandSpace = command_space
+        self.hand = hand
         self.drafts = []
 
     def reset(self, mask=None):
@@ -66,7 +66,7 @@ def event_steps(errors, seed, steps):
 def heard(errors, drafts, loads=LOADS, command_space: CommandSpace = "draft", held=False):
     """Return the drafts that arrive."""
     inner = Listener(command_space)
-    disturbed = DisturbedInterface(LEAP, inner, errors, held)
+    disturbed = DisturbedInterface(inner, errors, held)
     disturbed.begin([SEED])
     for draft in drafts:
         disturbed.step(observation(loads), draft)
@@ -131,7 +131,7 @@ def test_noise_moves_the_fingertips_of_planned_joints_as_those_of_drafts():
 
 def test_a_late_draft_leads_to_old_places_wherever_the_hand_is_by_now():
     inner = Listener()
-    disturbed = DisturbedInterface(LEAP, inner, CommandErrors.of(delay=2))
+    disturbed = DisturbedInterface(inner, CommandErrors.of(delay=2))
     disturbed.begin([SEED])
     goals, here = [TIPS + 0.001 * (k + 1) for k in range(6)], []
     for k, goal in enumerate(goals):
@@ -175,7 +175,7 @@ def test_the_fingertips_of_planned_joints_stand_still_where_they_were_last(name,
 
 def test_rows_have_their_own_errors_and_a_seed_repeats_them():
     inner = Listener()
-    disturbed = DisturbedInterface(LEAP, inner, REMOVAL)
+    disturbed = DisturbedInterface(inner, REMOVAL)
     draft = torch.full((2, 8, 4, 3), 0.0005)
     seen = []
     for _ in range(2):
@@ -195,7 +195,7 @@ def test_an_interface_under_removals_moves_the_hand_as_told():
     """`raw` takes the finger off at once, half as far with half the gain."""
     lifted = {}
     for name in ("raw", "raw@0.5"):
-        removal = DisturbedInterface(LEAP, make_interface(LEAP, name), REMOVAL)
+        removal = DisturbedInterface(make_interface(LEAP, name), REMOVAL)
         removal.begin([SEED])
         path = []
         for _ in range(30):
@@ -236,7 +236,7 @@ def test_late_joints_of_a_person_are_old_joints_but_for_its_offsets():
 
 
 def test_hands_without_a_seed_and_removals_without_touch_are_refused():
-    disturbed = DisturbedInterface(LEAP, Listener(), REMOVAL)
+    disturbed = DisturbedInterface(Listener(), REMOVAL)
     draft = torch.zeros(1, 8, 4, 3)
     with pytest.raises(DexFlexError, match="'removal_2mm' was begun for 0 hands, but 1 drafts came"):
         disturbed.step(observation(LOADS), draft)
@@ -257,7 +257,7 @@ def test_errors_stay_on_the_drafts_device_and_are_those_of_the_cpu(name, command
     draft = (0.6 if command_space == "joint" else 0.0005) + torch.zeros(shape)
     expected = heard(errors, [draft * (1 + 0.01 * k) for k in range(22)], command_space=command_space)
     inner = Listener(command_space)
-    disturbed = DisturbedInterface(LEAP, inner, errors)
+    disturbed = DisturbedInterface(inner, errors)
     with Elsewhere():
         disturbed.begin([SEED])
         state = moved(observation(LOADS))
@@ -287,8 +287,8 @@ def test_planned_joints_of_a_hand_with_fingers_of_unequal_length_leave_with_thei
         "observation.state": torch.cat([torch.zeros(1, 7), joints], 1),
         "observation.tactile": taxels.flatten(1),
     }
-    inner = Listener("joint")
-    disturbed = DisturbedInterface(SHARPA, inner, REMOVAL)
+    inner = Listener("joint", SHARPA)
+    disturbed = DisturbedInterface(inner, REMOVAL)
     disturbed.begin([SEED])
     plan = joints[:, None].repeat(1, 8, 1)
     for _ in range(24):

@@ -43,7 +43,7 @@ class Listener:
 
 def told(errors, steps=3, seed=(7, 1), interface="raw"):
     """Return where the hand is told to be while an expert leads it 1 mm further in each step."""
-    hand = GlovedHand(LEAP, make_interface(LEAP, interface), errors, seed)
+    hand = GlovedHand(make_interface(LEAP, interface), errors, seed)
     joints = np.full(23, 0.6)
     moves = [Command(joints, joints, np.tile(TIPS + 0.001 * (k + 1), (8, 1, 1))) for k in range(steps)]
     return np.stack(
@@ -61,7 +61,7 @@ def test_without_errors_the_expert_is_followed():
 
 def test_the_gloves_noise_is_drawn_from_its_seed_and_does_not_add_up():
     listener = Listener()
-    hand = GlovedHand(LEAP, listener, CommandErrors.of(noise=0.004), (7, 1))  # pyright: ignore[reportArgumentType]
+    hand = GlovedHand(listener, CommandErrors.of(noise=0.004), (7, 1))  # pyright: ignore[reportArgumentType]
     joints, rng = np.full(23, 0.6), np.random.default_rng((7, 1))
     rng.uniform(size=(4, 3))  # A bias and an onset are drawn for every family, needed or not.
     rng.integers(8, 20)
@@ -72,7 +72,7 @@ def test_the_gloves_noise_is_drawn_from_its_seed_and_does_not_add_up():
 
 
 def test_what_is_recorded_is_what_moved_the_hand():
-    hand = GlovedHand(LEAP, make_interface(LEAP, "press:3"), NO_ERRORS, 3)
+    hand = GlovedHand(make_interface(LEAP, "press:3"), NO_ERRORS, 3)
     touched = OBSERVATION | {"tactile": np.full(240, 0.02, np.float32)}
     joints = np.full(23, 0.6)
     got = hand.move(touched, Command(joints, joints, np.tile(TIPS, (8, 1, 1))))
@@ -80,7 +80,7 @@ def test_what_is_recorded_is_what_moved_the_hand():
 
 
 def test_the_arm_and_its_unsteadiness_pass():
-    hand = GlovedHand(LEAP, make_interface(LEAP, "raw"), CommandErrors.of(noise=0.004), 3)
+    hand = GlovedHand(make_interface(LEAP, "raw"), CommandErrors.of(noise=0.004), 3)
     joints = np.arange(23) / 22.0
     got = hand.move(OBSERVATION, Command(joints, joints + 0.01, np.tile(TIPS, (8, 1, 1))))
     np.testing.assert_array_equal(got.joint_targets[:7], joints[:7])
@@ -88,7 +88,7 @@ def test_the_arm_and_its_unsteadiness_pass():
 
 
 def test_events_of_the_glove_are_told():
-    hand = GlovedHand(LEAP, make_interface(LEAP, "raw"), CommandErrors.of(freeze=5), 3)
+    hand = GlovedHand(make_interface(LEAP, "raw"), CommandErrors.of(freeze=5), 3)
     joints = np.full(23, 0.6)
     for _ in range(30):
         hand.move(OBSERVATION, Command(joints, joints, np.tile(TIPS, (8, 1, 1))))
@@ -98,7 +98,7 @@ def test_events_of_the_glove_are_told():
 def pressed(errors, source, slips, seed=3):
     """Return what arrives at the interface of an operator that stands still and squeezes by 2 mm and more."""
     listener = Listener()
-    hand = GlovedHand(LEAP, listener, errors, seed, source)  # pyright: ignore[reportArgumentType]
+    hand = GlovedHand(listener, errors, seed, source)  # pyright: ignore[reportArgumentType]
     joints = np.concatenate([np.zeros(7), START + 0.05])
     for slipping in slips:
         hand.move(OBSERVATION, Command(joints, joints, np.tile(TIPS, (8, 1, 1)), slipping))
@@ -130,8 +130,8 @@ def test_a_person_presses_as_chosen_until_a_slip_is_seen():
 def test_joints_pass_bit_for_bit_without_errors_and_are_spoilt_with_them():
     joints, rng = np.full(23, 0.6), np.random.default_rng(0)
     command = Command(joints, joints + 0.3 * rng.normal(size=23), np.tile(TIPS, (8, 1, 1)))
-    assert GlovedHand(LEAP, make_interface(LEAP, "joint"), NO_ERRORS, 3).move(OBSERVATION, command) is command
-    got = GlovedHand(LEAP, make_interface(LEAP, "joint"), CommandErrors.parse("typical"), 3).move(
+    assert GlovedHand(make_interface(LEAP, "joint"), NO_ERRORS, 3).move(OBSERVATION, command) is command
+    got = GlovedHand(make_interface(LEAP, "joint"), CommandErrors.parse("typical"), 3).move(
         OBSERVATION, command
     )
     np.testing.assert_array_equal(got.joint_targets[:7], joints[:7])

@@ -37,7 +37,7 @@ def test_the_batch_size_changes_nothing(chains, name, source):
 
     def run(batch):
         return run_chains(
-            LEAP, chains, NOISE, make_interface(LEAP, name), source=source, batch=batch, max_steps=STEPS
+            chains, NOISE, make_interface(LEAP, name), source=source, batch=batch, max_steps=STEPS
         )
 
     wide, narrow, mixed = (run(batch) for batch in (3, 1, 2))
@@ -51,7 +51,7 @@ def test_the_batch_size_changes_nothing(chains, name, source):
 def test_methods_meet_the_same_errors(chains):
     errors = CommandErrors.parse("bias_1mm+noise_2mm")
     firm, loose = (
-        run_chains(LEAP, chains[:2], errors, make_interface(LEAP, name), max_steps=8)
+        run_chains(chains[:2], errors, make_interface(LEAP, name), max_steps=8)
         for name in ("press:3", "press:2")
     )
     for first, second in zip(firm, loose, strict=True):
@@ -63,7 +63,7 @@ def test_methods_meet_the_same_errors(chains):
 
 def test_another_seed_gives_other_errors(chains):
     first, second = (
-        run_chains(LEAP, chains[:1], NOISE, make_interface(LEAP, "raw"), max_steps=2, seed=seed)[0]
+        run_chains(chains[:1], NOISE, make_interface(LEAP, "raw"), max_steps=2, seed=seed)[0]
         for seed in (0, 1)
     )
     assert np.abs((first.draft - first.label) - (second.draft - second.label)).max() > 1e-4
@@ -71,18 +71,18 @@ def test_another_seed_gives_other_errors(chains):
 
 def test_people_lead_in_the_hand_too_each_chain_another(chains):
     errors = CommandErrors.parse("typical")
-    first, second = run_chains(LEAP, chains[:2], errors, make_interface(LEAP, "press:2.5"), max_steps=STEPS)
+    first, second = run_chains(chains[:2], errors, make_interface(LEAP, "press:2.5"), max_steps=STEPS)
     for episode in (first, second):
         assert 5e-4 < np.abs(episode.draft - episode.label)[5:].max() < 0.02
     assert np.abs((first.draft - first.label)[0] - (second.draft - second.label)[0]).max() > 1e-4
-    (again,) = run_chains(LEAP, chains[:1], errors, make_interface(LEAP, "press:2.5"), max_steps=STEPS)
+    (again,) = run_chains(chains[:1], errors, make_interface(LEAP, "press:2.5"), max_steps=STEPS)
     same(first, again, "draft", "goal_error")
 
 
 def test_chains_may_have_errors_of_their_own(chains):
     removal = CommandErrors.of(removal=0.002)
     first, second = run_chains(
-        LEAP, chains[:2], [removal, NO_ERRORS], make_interface(LEAP, "press:2.5"), max_steps=STEPS
+        chains[:2], [removal, NO_ERRORS], make_interface(LEAP, "press:2.5"), max_steps=STEPS
     )
     assert (second.events, second.in_event.any()) == ([], False)
     np.testing.assert_allclose(second.draft, second.label, atol=1e-15)
@@ -96,7 +96,7 @@ def test_chains_may_have_errors_of_their_own(chains):
 
 
 def test_a_hand_that_opens_is_a_drop_and_raw_opens(chains):
-    (episode,) = run_chains(LEAP, chains[:1], CommandErrors.of(scale=0.0), make_interface(LEAP, "raw"))
+    (episode,) = run_chains(chains[:1], CommandErrors.of(scale=0.0), make_interface(LEAP, "raw"))
     assert episode.dropped
     assert episode.steps < 60
     assert episode.progress < 0.5
@@ -104,10 +104,8 @@ def test_a_hand_that_opens_is_a_drop_and_raw_opens(chains):
 
 def test_a_pressing_source_commands_into_the_object_by_its_own_share(chains):
     """The labels are those of motion; what the draft has more goes into the object."""
-    motion = run_chains(LEAP, chains[:2], NO_ERRORS, make_interface(LEAP, "raw"), max_steps=1)
-    pressing = run_chains(
-        LEAP, chains[:2], NO_ERRORS, make_interface(LEAP, "raw"), max_steps=1, source="pressing"
-    )
+    motion = run_chains(chains[:2], NO_ERRORS, make_interface(LEAP, "raw"), max_steps=1)
+    pressing = run_chains(chains[:2], NO_ERRORS, make_interface(LEAP, "raw"), max_steps=1, source="pressing")
     shares = []
     for plain, pressed in zip(motion, pressing, strict=True):
         same(plain, pressed, "label", "loads")
@@ -124,7 +122,7 @@ def test_pressing_drafts_hold_the_object_without_a_grip_longer_than_those_of_mot
         source: sum(
             episode.steps
             for episode in run_chains(
-                LEAP, chains, NO_ERRORS, make_interface(LEAP, "raw"), source=source, max_steps=2 * STEPS
+                chains, NO_ERRORS, make_interface(LEAP, "raw"), source=source, max_steps=2 * STEPS
             )
         )
         for source in ("motion", "pressing")
@@ -133,7 +131,7 @@ def test_pressing_drafts_hold_the_object_without_a_grip_longer_than_those_of_mot
 
 
 def test_what_is_told_of_an_episode_fits_together(chains):
-    (episode,) = run_chains(LEAP, chains[:1], NOISE, make_interface(LEAP, "press:2.5"), max_steps=STEPS)
+    (episode,) = run_chains(chains[:1], NOISE, make_interface(LEAP, "press:2.5"), max_steps=STEPS)
     assert isinstance(episode.chain, Chain)
     assert len(episode.chain.goals) == N_GOALS
     lengths = {name: len(getattr(episode, name)) for name in ("draft", "selected", "loads", "in_event")}
@@ -164,7 +162,6 @@ class Blind(CommandedInterface):
 def test_explanations_are_kept_row_by_row_and_steps_can_be_watched(chains):
     seen = []
     episodes = run_chains(
-        LEAP,
         chains[:2],
         NO_ERRORS,
         Blind(LEAP),
@@ -177,8 +174,8 @@ def test_explanations_are_kept_row_by_row_and_steps_can_be_watched(chains):
 
 def test_the_operators_own_targets_get_further_than_a_hand_that_does_nothing(chains):
     (operator,) = run_chains(
-        LEAP, chains[:1], NO_ERRORS, make_interface(LEAP, bounds.OPERATOR), max_steps=2 * STEPS
+        chains[:1], NO_ERRORS, make_interface(LEAP, bounds.OPERATOR), max_steps=2 * STEPS
     )
-    (nothing,) = run_chains(LEAP, chains[:1], NO_ERRORS, Blind(LEAP), max_steps=2 * STEPS)
+    (nothing,) = run_chains(chains[:1], NO_ERRORS, Blind(LEAP), max_steps=2 * STEPS)
     assert operator.progress > nothing.progress + 0.05
     np.testing.assert_allclose(operator.selected, operator.label, atol=1e-12)

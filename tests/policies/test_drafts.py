@@ -87,7 +87,7 @@ class Recorder(RawInterface):
 @pytest.fixture
 def execution():
     """A plan of ten steps, in which every joint moves by 0.01 rad, in execution."""
-    made = ChunkExecution(LEAP, Recorder(), n_arm=7, n_steps=8)
+    made = ChunkExecution(Recorder(), n_arm=7, n_steps=8)
     made.begin(torch.cat([torch.zeros(1, 10, 7), PLANNED.float().flatten(2)], -1))
     return made
 

@@ -38,7 +38,7 @@ def test_fingers_must_bend_forward(hand, forward):
 
 
 def test_the_interface_takes_over_when_the_fingers_bend_forward_and_keeps_the_hand():
-    hands = Hands(LEAP, make_interface(LEAP, "raw"))
+    hands = Hands(make_interface(LEAP, "raw"))
     hand, goal = hands(0), POSTURE + 0.05
     relaxed, bent = np.array(LEAP.relaxed_joints), np.array(POSTURE)
     np.testing.assert_array_equal(hand.move(observation(relaxed), command(goal)).joint_targets[7:], goal)
@@ -52,13 +52,13 @@ def test_the_interface_takes_over_when_the_fingers_bend_forward_and_keeps_the_ha
 
 
 def test_joints_pass_as_they_are():
-    hand = Hands(LEAP, make_interface(LEAP, "joint"))(0)
+    hand = Hands(make_interface(LEAP, "joint"))(0)
     goal = POSTURE + 0.05
     np.testing.assert_array_equal(hand.move(observation(POSTURE), command(goal)).joint_targets[7:], goal)
 
 
 def test_the_view_sees_the_draft_and_what_the_interface_made_of_it():
-    hands = Hands(LEAP, make_interface(LEAP, "raw@0.5"))
+    hands = Hands(make_interface(LEAP, "raw@0.5"))
     hands(0).move(observation(POSTURE), command(POSTURE + 0.05))
     motion = hands.motion
     assert motion is not None
@@ -68,7 +68,7 @@ def test_the_view_sees_the_draft_and_what_the_interface_made_of_it():
 
 def test_a_simulated_person_is_led_by_the_interface_at_once_and_differs_by_attempt():
     torch.manual_seed(0)
-    hands = Hands(LEAP, make_interface(LEAP, "raw"), seed=3, errors=CommandErrors.parse("noise_4mm"))
+    hands = Hands(make_interface(LEAP, "raw"), seed=3, errors=CommandErrors.parse("noise_4mm"))
     relaxed = np.array(LEAP.relaxed_joints)
     moved = [hands(k).move(observation(relaxed), command(relaxed)).joint_targets[7:] for k in (0, 1, 0)]
     assert np.abs(moved[0] - relaxed).max() > 1e-3

@@ -93,7 +93,7 @@ def play(config):
             session = Session(
                 env,
                 leader,
-                Hands(LEAP, make_interface(LEAP, "raw")),
+                Hands(make_interface(LEAP, "raw")),
                 Shelf(config, []),
                 typed,
                 view or NoView(),

@@ -131,7 +131,7 @@ def operator_steps(hand: Hand, chain: Chain) -> int:
 
     `MAX_STEPS` if it drops the object.
     """
-    (episode,) = run_chains(hand, [chain], NO_ERRORS, OperatorInterface(hand))
+    (episode,) = run_chains([chain], NO_ERRORS, OperatorInterface(hand))
     return MAX_STEPS if episode.dropped else episode.steps
 
 

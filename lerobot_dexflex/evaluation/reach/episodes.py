@@ -39,7 +39,7 @@ def run_episodes(
         `COLUMNS` of each episode, in the order of the chains.
     """
     parsed = Condition.parse(condition)
-    episodes = run_chains(interface.hand, chains, parsed.errors, interface, source=parsed.source, batch=batch)
+    episodes = run_chains(chains, parsed.errors, interface, source=parsed.source, batch=batch)
     return [episode_row(episode) for episode in episodes]
 
 

@@ -70,9 +70,7 @@ def show_episode(
         interface = _Observed(Method.parse(name).make(hand, controller))
         log = RerunLog(folder / "rerun" / f"{stem}.rrd", name, chain.seed)
         watcher = _Watcher(interface, Film(clips[-1]), log)
-        (episodes[name],) = run_chains(
-            hand, [chain], parsed.errors, interface, source=parsed.source, watch=watcher
-        )
+        (episodes[name],) = run_chains([chain], parsed.errors, interface, source=parsed.source, watch=watcher)
         watcher.close(_ending(name, episodes[name]))
     path = folder / "videos" / f"{condition}_{chain.seed}_side_by_side.mp4"
     side_by_side(clips, path)

@@ -112,7 +112,7 @@ class Search:
         trial = draw_trial(number, list(chains))
         chosen = [chains[seed] for seed in trial.seeds]
         episodes = run_chains(
-            hand, chosen, trial.errors, trial.make(hand), source=trial.source, seed=number, batch=BATCH
+            chosen, trial.errors, trial.make(hand), source=trial.source, seed=number, batch=BATCH
         )
         return [
             {

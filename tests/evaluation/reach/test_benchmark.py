@@ -30,7 +30,7 @@ def loop(monkeypatch):
     """Replace the simulation; returns the runs that were asked for: interface, error, seeds."""
     runs = []
 
-    def run_chains(hand, chains, errors, interface, *, source, batch):
+    def run_chains(chains, errors, interface, *, source, batch):
         name = interface.name.partition(":")[0]
         runs.append((name, errors.name, [c.seed for c in chains]))
         assert source == "motion"

@@ -47,7 +47,7 @@ def test_a_digest_tells_chains_apart():
 def test_a_conditions_source_reaches_the_loop(monkeypatch):
     asked = []
 
-    def run_chains(hand, chains, errors, interface, *, source, batch):
+    def run_chains(chains, errors, interface, *, source, batch):
         asked.append((errors.name, source))
         return [episode() for _ in chains]
 

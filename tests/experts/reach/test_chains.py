@@ -43,7 +43,7 @@ def test_a_verified_chain_fits_the_time_limit(chain):
 
 
 def test_the_operators_own_targets_complete_a_verified_chain(chain):
-    (episode,) = run_chains(LEAP, [chain], NO_ERRORS, make_interface(LEAP, bounds.OPERATOR))
+    (episode,) = run_chains([chain], NO_ERRORS, make_interface(LEAP, bounds.OPERATOR))
     assert not episode.dropped
     assert episode.goals_reached == N_GOALS
     assert episode.progress == 1.0
@@ -51,7 +51,7 @@ def test_the_operators_own_targets_complete_a_verified_chain(chain):
 
 
 def test_a_hand_that_only_grips_reaches_nothing(chain):
-    (episode,) = run_chains(LEAP, [chain], CommandErrors.of(scale=0.0), make_interface(LEAP, "press:2.5"))
+    (episode,) = run_chains([chain], CommandErrors.of(scale=0.0), make_interface(LEAP, "press:2.5"))
     assert episode.progress < 0.3
     assert np.abs(episode.selected).max() < 1e-12
 
