@@ -8,7 +8,16 @@ import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import draccus
+import lerobot.policies  # noqa: F401  Registers LeRobot's own, such as ACT.
 import pytest
+import yaml
+from lerobot.configs.train import TrainPipelineConfig
+from lerobot.utils.import_utils import register_third_party_plugins
+
+from lerobot_dexflex.corpus.config import CorpusConfig
+from lerobot_dexflex.recording.config import RecordConfig
+from lerobot_dexflex.training.train import TrainConfig
 
 ROOT = Path(__file__).parents[1]
 DATA_FOLDERS = ("datasets", "configs", "eval", "policies", "tests")
@@ -112,25 +121,19 @@ def test_distribution_is_named_so_that_lerobot_finds_it():
 
 
 def test_every_config_and_recipe_is_parsed_by_its_dataclass():
-    code = (
-        "import draccus, lerobot.policies, yaml; from pathlib import Path\n"
-        "from lerobot.utils.import_utils import register_third_party_plugins as register; register()\n"
-        "from lerobot.configs.train import TrainPipelineConfig\n"
-        "from lerobot_dexflex.corpus.config import CorpusConfig\n"
-        "from lerobot_dexflex.recording.config import RecordConfig\n"
-        "from lerobot_dexflex.training.train import TrainConfig\n"
-        "kinds = {'policy': TrainPipelineConfig, 'controller': TrainConfig, 'corpus': CorpusConfig}\n"
-        "for folder, kind in kinds.items():\n"
-        "    for path in Path('configs', folder).glob('*.yaml'):\n"
-        "        draccus.parse(kind, path, args=[]); print(path)\n"
-        "for path in Path('datasets').rglob('recipe.yaml'):\n"
-        "    recipe = yaml.safe_load(path.read_text())\n"
-        "    kind = CorpusConfig if 'recipe' in recipe else RecordConfig\n"
-        "    draccus.decode(kind, recipe.get('recipe', recipe)); print(path)"
-    )
-    parsed = set(run_python("-c", code).splitlines())
-    every = {*ROOT.glob("configs/**/*.yaml"), *ROOT.glob("datasets/**/*.yaml")}
-    assert parsed == {str(path.relative_to(ROOT)) for path in every} != set()
+    register_third_party_plugins()
+    kinds = {"policy": TrainPipelineConfig, "controller": TrainConfig, "corpus": CorpusConfig}
+    parsed = set()
+    for folder, kind in kinds.items():
+        for path in (ROOT / "configs" / folder).glob("*.yaml"):
+            assert isinstance(draccus.parse(kind, path, args=[]), kind)
+            parsed.add(path)
+    for path in (ROOT / "datasets").rglob("recipe.yaml"):
+        recipe = yaml.safe_load(path.read_text())
+        kind = CorpusConfig if "recipe" in recipe else RecordConfig
+        assert isinstance(draccus.decode(kind, recipe.get("recipe", recipe)), kind)
+        parsed.add(path)
+    assert parsed == {*ROOT.glob("configs/**/*.yaml"), *ROOT.glob("datasets/**/*.yaml")} != set()
 
 
 def test_no_tracked_file_is_a_pickle_or_an_unexpected_binary(tracked_files):

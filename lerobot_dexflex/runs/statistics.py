@@ -3,6 +3,7 @@
 import math
 import warnings
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -103,7 +104,7 @@ def ratio_interval(first: Sequence[float], second: Sequence[float], seed: int = 
         return None
     ratio = float(np.mean(first) / np.mean(second))
     pairs = np.column_stack([first, second]).astype(float)
-    sums = _shares(np.random.default_rng(seed), len(pairs)) @ pairs
+    sums = _shares(seed, (len(pairs),))[0] @ pairs
     found = sums[sums[:, 1] > 0]
     if len(pairs) < 2 or len(found) < len(sums):
         return Mean(ratio, None, len(pairs))
@@ -131,20 +132,24 @@ def two_level_interval(groups: Sequence[NDArray[np.float64]], seed: int = 0) -> 
     if len({len(group) for group in groups}) != 1 or min(group.size for group in groups) == 0:
         shapes = ", ".join(str(group.shape) for group in groups)
         raise DexFlexError(f"Groups must have shapes (trainings, episodes) of equal trainings. Got {shapes}.")
-    rng = np.random.default_rng(seed)
-    trainings = _shares(rng, len(groups[0]))
+    trainings, *episodes = _shares(seed, (len(groups[0]), *(group.shape[1] for group in groups)))
     means = [
-        np.einsum("rt,rt->r", trainings, _shares(rng, group.shape[1]) @ np.asarray(group, float).T)
-        for group in groups
+        np.einsum("rt,rt->r", trainings, shares @ np.asarray(group, float).T)
+        for shares, group in zip(episodes, groups, strict=True)
     ]
     low, high = np.percentile(np.mean(means, axis=0), [50 * SIGNIFICANT, 100 - 50 * SIGNIFICANT])
     mean = float(np.mean([group.mean() for group in groups]))
     return Mean(mean, (float(low), float(high)), sum(group.size for group in groups))
 
 
-def _shares(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
-    """Return the share of every one of n items in each resample, shape (resamples, n)."""
-    return rng.multinomial(n, np.full(n, 1 / n), size=_RESAMPLES) / n
+@lru_cache(maxsize=4)
+def _shares(seed: int, sizes: tuple[int, ...]) -> tuple[NDArray[np.float64], ...]:
+    """Return for each n of `sizes` every item's share of each resample, shape (resamples, n), drawn in turn.
+
+    Tables resample the same numbers of episodes again and again, so the last draws are kept.
+    """
+    rng = np.random.default_rng(seed)
+    return tuple(rng.multinomial(n, np.full(n, 1 / n), size=_RESAMPLES) / n for n in sizes)
 
 
 def median_time(seconds: Sequence[float], successes: Sequence[bool]) -> float | None:

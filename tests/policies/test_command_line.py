@@ -65,13 +65,6 @@ def runs(synthetic_dataset, tmp_path_factory):
         f"--output_dir={folder / 'eval'}",
         *ENV_EVAL,
     )
-    joint = run(
-        "lerobot-eval",
-        f"--policy.path={checkpoint}",
-        "--policy.interface=joint",
-        f"--output_dir={folder / 'joint'}",
-        *ENV_EVAL,
-    )
     motion = ["--policy.learns=[measured]", "--policy.interface=joint", f"--dataset.root={synthetic_dataset}"]
     refused = run(
         "lerobot-train",
@@ -86,7 +79,6 @@ def runs(synthetic_dataset, tmp_path_factory):
         resume=resume,
         checkpoint=checkpoint,
         pressed=pressed,
-        joint=joint,
         refused=refused,
         folder=folder,
     )
@@ -119,10 +111,9 @@ def test_a_resumed_training_goes_on_from_weights_average_and_step(runs):
     assert not torch.equal(last["average.action_out.weight"], runs.first["average.action_out.weight"])
 
 
-@pytest.mark.parametrize(("interface", "folder"), [("pressed", "eval"), ("joint", "joint")])
-def test_evaluation_writes_lerobots_report_under_a_switched_interface(runs, interface, folder):
-    output_of(getattr(runs, interface))
-    report = json.loads((runs.folder / folder / "eval_info.json").read_text())
+def test_evaluation_writes_lerobots_report_under_a_switched_interface(runs):
+    output_of(runs.pressed)
+    report = json.loads((runs.folder / "eval/eval_info.json").read_text())
     assert report["overall"]["n_episodes"] == 2
     assert 0 <= report["overall"]["pc_success"] <= 100
 
