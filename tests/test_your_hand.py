@@ -70,7 +70,8 @@ def test_the_page_leads_from_numbers_to_a_benchmark(load_script, capsys):
     (shard,) = Path("outputs/corpus/claw/train").iterdir()
     assert read_header(shard)["hand"] == NAME
     controller = DexFlexController.from_pretrained("outputs/claw/controller")
-    assert (controller.hand.name, controller.hand.n_joints, controller.hand.taxels) == (NAME, 9, (8, 6))
+    layout = controller.config.layout
+    assert (controller.config.hand, layout.n_joints, layout.taxels) == (NAME, 9, (8, 6))
     rows = pd.read_csv("outputs/claw_benchmark/reach.csv")
     assert set(rows["method"]) == {"raw", "dexflex"}
     assert rows["progress"].between(0, 1).all()

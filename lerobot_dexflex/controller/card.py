@@ -6,7 +6,6 @@ from typing import Any
 from huggingface_hub import ModelCard, ModelCardData
 
 from lerobot_dexflex.controller.config import ControllerConfig
-from lerobot_dexflex.hands import get_hand
 
 _TEMPLATE = """\
 ---
@@ -45,7 +44,7 @@ joints. It refuses another hand, control rate or meaning of a draft.
 {training}
 ## Known limitations
 
-Trained in simulation only, on one hand. It corrects small errors of a command, it does not know the task.
+Trained in simulation only, on {count}. It corrects small errors of a command, it does not know the task.
 """
 
 
@@ -59,8 +58,8 @@ def controller_card(
         parts: Number of parameters of each part.
         record: Sections of plain values: a mapping becomes a table, anything else a line.
     """
-    hand = get_hand(config.hand)
-    rows, columns = hand.taxels
+    layout, hands = config.layout, config.layout.hands
+    rows, columns = layout.taxels
     data = ModelCardData(
         license="apache-2.0",
         library_name="lerobot",
@@ -72,13 +71,14 @@ def controller_card(
     return ModelCard(
         _TEMPLATE.format(
             front_matter=data.to_yaml().strip(),
-            hand=hand.name,
-            fingers=", ".join(hand.finger_names),
-            joints=hand.n_joints,
+            hand=config.hand,
+            fingers="; ".join(", ".join(hand.finger_names) for hand in hands),
+            joints=" and ".join(str(hand.n_joints) for hand in hands),
+            count="one hand" if len(hands) == 1 else f"{len(hands)} hands",
             rate=config.rate,
             horizon=config.horizon,
             draft_definition=config.draft_definition,
-            touch=f"{hand.n_fingers} x {rows} x {columns} taxels [N]" if config.use_touch else "not used",
+            touch=f"{layout.n_fingers} x {rows} x {columns} taxels [N]" if config.use_touch else "not used",
             slow=f"{config.slow_levels} levels" if config.use_slow else "not used",
             parts="\n".join(sizes),
             training=_training(record),

@@ -7,9 +7,10 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from lerobot_dexflex.controller.layout import BETWEEN, Layout, layout_of
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hands import Hand, get_hand
+from lerobot_dexflex.hands import Hand
 
 FRAMES = (0, 1, 3, 7)
 """Steps back at which joints, fingertips and touch are seen."""
@@ -46,7 +47,7 @@ class ControllerConfig:
     format: int = 4
     """Version of the checkpoint's layout."""
     hand: str = "leap"
-    """The hand, by its name; it decides fingers, joints and taxels."""
+    """The hand, by its name, or hands with `+` between them; decides fingers, joints and taxels."""
     rate: float = 20.0
     """Control rate [Hz]."""
     horizon: int = DRAFT_HORIZON
@@ -117,12 +118,17 @@ class ControllerConfig:
             _check_identity(name, getattr(self, name))
         for item in fields(self):
             _check_value(item.name, item.type, getattr(self, item.name))
-        get_hand(self.hand)
+        layout_of(self.hand)
+
+    @property
+    def layout(self) -> Layout:
+        """How the networks see the fingers of the hand, or of the hands."""
+        return layout_of(self.hand)
 
     @property
     def n_fingers(self) -> int:
-        """Number of the hand's fingers."""
-        return get_hand(self.hand).n_fingers
+        """Number of fingers that the networks see."""
+        return self.layout.n_fingers
 
     @property
     def latent_width(self) -> int:
@@ -154,7 +160,7 @@ class ControllerConfig:
         Raises:
             DexFlexError: If the hands differ.
         """
-        if hand.name != self.hand:
+        if hand.name not in self.hand.split(BETWEEN):
             raise DexFlexError(
                 f"{source} was trained for '{self.hand}', but the robot is '{hand.name}'. "
                 f"Give --policy.controller=<folder or hub id> of one for '{hand.name}', or train it: "

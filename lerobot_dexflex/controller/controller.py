@@ -1,5 +1,6 @@
 """Draft, dream, select: the frozen composition of all parts of the controller."""
 
+import copy
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,12 +16,14 @@ from lerobot_dexflex.controller.decoder import Decoder, Forces
 from lerobot_dexflex.controller.encoder import Encoder, State
 from lerobot_dexflex.controller.finite import check_output
 from lerobot_dexflex.controller.history import History
+from lerobot_dexflex.controller.layout import SharedLayout
 from lerobot_dexflex.controller.prior import Prior
 from lerobot_dexflex.controller.score import Score
 from lerobot_dexflex.controller.settings import SelectionSettings
 from lerobot_dexflex.controller.splitter import Splitter
+from lerobot_dexflex.controller.view import View, view_of
 from lerobot_dexflex.controller.world_model import WorldModel
-from lerobot_dexflex.hands import get_hand
+from lerobot_dexflex.hands import Hand
 
 
 class Dream(NamedTuple):
@@ -63,14 +66,31 @@ class DexFlexController(nn.Module, ModelHubMixin):
         super().__init__()
         self.config = config or ControllerConfig()
         self.record = record or {}
-        self.hand = get_hand(self.config.hand)
-        self.scale = ChunkScale(self.hand.n_fingers)
+        self._view: View | None = None
+        self.scale = ChunkScale(self.config.n_fingers)
         self.encoder = Encoder(self.config)
         self.prior = Prior(self.config)
         self.world_model = WorldModel(self.config)
         self.ranker = Score(self.config)
         self.decoder = Decoder(self.config)
         self.splitter = Splitter(self.config)
+
+    def serving(self, hand: Hand) -> "DexFlexController":
+        """Return this controller, its networks shared, as one that is told and tells in terms of a hand.
+
+        Until then one of several hands speaks in those of its layout, as training does. A controller of one
+        hand always speaks in that hand's: it is returned itself.
+
+        Args:
+            hand: One of `config.hand`.
+        """
+        self.config.check(hand)
+        layout = self.config.layout
+        if not isinstance(layout, SharedLayout):
+            return self
+        served = copy.copy(self)
+        served._view = view_of(layout, hand)
+        return served
 
     def encode(self, history: History, slow: Tensor | None = None) -> State:
         """Encode the past, once per control step.
@@ -80,13 +100,14 @@ class DexFlexController(nn.Module, ModelHubMixin):
             slow: A slow token from `encode_slow` up to 8 steps ago, shape (batch, slow_width); None computes
                 it anew.
         """
-        state = self.encoder(history, slow)
+        state = self.encoder(self._view.history(history) if self._view else history, slow)
         check_output("encoder", state.features)
         return state
 
     def encode_slow(self, history: History) -> Tensor:
         """Return the slow token, to be refreshed every 8 steps. Shape (batch, slow_width)."""
-        return check_output("encoder", self.encoder.slow_token(history))
+        seen = self._view.history(history) if self._view else history
+        return check_output("encoder", self.encoder.slow_token(seen))
 
     def squeeze(self, state: State, draft: Tensor) -> Tensor:
         """Return what of every step of a draft commands into the object [m], about zero if it says motion.
@@ -97,7 +118,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
             state: The encoded states.
             draft: Shape (batch, horizon, fingers, 3) [m].
         """
-        return check_output("splitter", self.splitter(state, draft))
+        return self._tell(check_output("splitter", self.splitter(state, self._see(draft))))
 
     def propose(
         self, state: State, draft: Tensor, settings: SelectionSettings, noise: Tensor | None = None
@@ -111,7 +132,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
             noise: Standard normal, shape (batch or 1, drawn candidates, fingers, horizon * 3); None draws it
                 from `settings.seed`, the same for all rows and steps, so that choices do not flicker.
         """
-        start, branch = _starts(settings, self.hand.n_fingers)
+        start, branch = _starts(settings, self.config.n_fingers)
         parts = [draft.unsqueeze(1)] if settings.include_draft else []
         if len(start):
             if noise is None:
@@ -119,20 +140,23 @@ class DexFlexController(nn.Module, ModelHubMixin):
                 shape = (1, *start.shape, self.config.finger_chunk_width)
                 noise = torch.randn(shape, generator=generator)
             level = start.to(draft)[..., None]  # (candidates, fingers, 1)
-            origin = self.scale.normalize(draft).unsqueeze(1)
+            origin = self.scale.normalize(self._see(draft)).unsqueeze(1)
             begin = (1 - level) * noise.to(draft) + level * origin
             drawn = self.prior.sample(begin, start.to(draft), settings.nfe, self.prior.context(state))
-            parts.append(check_output("prior", self.scale.restore(drawn)))
+            parts.append(self._tell(check_output("prior", self.scale.restore(drawn))))
         own = torch.full((int(settings.include_draft),), DRAFT)
         return Candidates(torch.cat(parts, 1), torch.cat([own, branch]))
 
     def dream(self, state: State, candidates: Candidates | Tensor) -> Dream:
         """Predict the outcome of candidates; chunks are (batch, candidates, horizon, fingers, 3) [m]."""
-        prediction = self.world_model(state, self.scale.normalize(_chunks(candidates)))
+        prediction = self.world_model(state, self.scale.normalize(self._see(_chunks(candidates))))
         for output in prediction:
             check_output("world model", output)
         latent, *logits = prediction
-        return Dream(latent, *[logit.sigmoid() for logit in logits])
+        contact_loss, slip, grasp_loss = (logit.sigmoid() for logit in logits)
+        if self._view:
+            contact_loss, slip = self._view.own(contact_loss), self._view.own(slip)
+        return Dream(latent, contact_loss, slip, grasp_loss)
 
     def score(
         self,
@@ -152,8 +176,8 @@ class DexFlexController(nn.Module, ModelHubMixin):
             latent: `Dream.latent` of the candidates; zeros hide it.
         """
         normalize = self.scale.normalize
-        past = self.scale.normalize_past(drafts_history)
-        scores = self.ranker(state, normalize(draft), past, normalize(_chunks(candidates)), latent)
+        past, chunks = self.scale.normalize_past(self._see(drafts_history)), self._see(_chunks(candidates))
+        scores = self.ranker(state, normalize(self._see(draft)), past, normalize(chunks), latent)
         return check_output("score", scores)
 
     def decode(self, state: State, chunk: Tensor) -> Forces:
@@ -163,10 +187,12 @@ class DexFlexController(nn.Module, ModelHubMixin):
             state: The encoded states.
             chunk: Shape (batch, horizon, fingers, 3) [m].
         """
-        forces = self.decoder(state, self.scale.normalize(chunk))
+        forces = self.decoder(state, self.scale.normalize(self._see(chunk)))
         for output in forces:
             check_output("decoder", output)
-        return forces
+        if self._view is None:
+            return forces
+        return Forces(self._view.own_local(forces.vector), self._view.own(forces.pressing))
 
     def select(
         self,
@@ -192,6 +218,14 @@ class DexFlexController(nn.Module, ModelHubMixin):
         best = (score + settings.hysteresis * follows).argmax(1)
         rows = torch.arange(len(best), device=best.device)
         return Selection(chunks[rows, best], best, score, candidates, dream)
+
+    def _see(self, motion: Tensor) -> Tensor:
+        """Return motion (..., fingers, 3) of the hand that is served as the networks see it."""
+        return self._view.vectors(motion) if self._view else motion
+
+    def _tell(self, motion: Tensor) -> Tensor:
+        """Return the networks' motion (..., slots, 3) as that of the hand that is served."""
+        return self._view.own_vectors(motion) if self._view else motion
 
     def part_sizes(self) -> dict[str, int]:
         """Return the number of parameters of each part."""

@@ -18,7 +18,6 @@ from lerobot_dexflex.controller.decoder import DROPOUT
 from lerobot_dexflex.controller.encoder import State
 from lerobot_dexflex.controller.prior import Context, Prior
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hands import get_hand
 
 WEIGHTS = "dexgen.safetensors"
 """Its file in a controller's folder."""
@@ -43,7 +42,7 @@ class DiffusionPrior(nn.Module):
         super().__init__()
         self.width = config.finger_chunk_width
         self.network = Prior(config)
-        joints = get_hand(config.hand).n_joints
+        joints = config.layout.n_joints
         inputs, width = config.body_width + config.slow_width + config.chunk_width, config.decoder_width
         self.dynamics = nn.Sequential(
             nn.Linear(inputs, width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, joints)

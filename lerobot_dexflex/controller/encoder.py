@@ -9,8 +9,6 @@ from vector_quantize_pytorch import FSQ
 
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.history import History
-from lerobot_dexflex.hand.kinematics import finger_frames, fingertips, joint_limits
-from lerobot_dexflex.hands import Hand, get_hand
 
 _TOUCH_FEATURES = 48
 _HEADS = 4
@@ -49,7 +47,7 @@ class TouchNet(nn.Module):
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
-        frames, (rows, columns) = len(config.frames), get_hand(config.hand).taxels
+        frames, (rows, columns) = len(config.frames), config.layout.taxels
         self.register_buffer("rows", torch.linspace(-1, 1, rows), persistent=False)
         self.register_buffer("columns", torch.linspace(-1, 1, columns), persistent=False)
         self.touch_scale = config.touch_scale
@@ -118,22 +116,23 @@ class Encoder(nn.Module):
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__()
         self.config = config
-        self.hand = hand = get_hand(config.hand)
-        lower, upper = joint_limits(hand)
-        center = (lower + upper) / 2
-        self.register_buffer("joint_center", center.float(), persistent=False)
-        self.register_buffer("joint_range", ((upper - lower) / 2).float(), persistent=False)
-        self.register_buffer("tip_center", fingertips(hand, center[None])[0].float(), persistent=False)
-        self.register_buffer("finger_joints", _finger_joints(hand), persistent=False)
-        frames, fingers = len(config.frames), hand.n_fingers
+        layout = config.layout
+        for name, values in {
+            "joint_center": layout.joint_center(),
+            "joint_range": layout.joint_range(),
+            "tip_center": layout.tip_center(),
+        }.items():
+            self.register_buffer(name, torch.from_numpy(values).float(), persistent=False)
+        self.register_buffer("finger_joints", torch.from_numpy(layout.finger_joints()), persistent=False)
+        frames, fingers, geometry = len(config.frames), layout.n_fingers, layout.geometry_width
         self.touch = TouchNet(config)
         self.missing_touch = nn.Parameter(torch.zeros(fingers, _TOUCH_FEATURES))
-        local = _TOUCH_FEATURES + frames * (self.finger_joints.shape[1] + 3) + 9 + 3
+        local = _TOUCH_FEATURES + frames * (self.finger_joints.shape[1] + 3) + 9 + 3 + geometry
         self.finger_bias = nn.Parameter(torch.randn(fingers, 96) * 0.1)
         self.finger_in = nn.Linear(local, 96)
         self.finger_out = nn.Linear(96, config.finger_width)
         self.body = nn.Sequential(
-            nn.Linear(frames * (hand.n_joints + 3 * fingers) + 3, 192),
+            nn.Linear(frames * (layout.n_joints + 3 * fingers) + 3 + fingers * geometry, 192),
             nn.SiLU(),
             nn.Linear(192, config.body_width),
         )
@@ -163,14 +162,15 @@ class Encoder(nn.Module):
         if not self.config.use_touch:
             missing = torch.ones_like(missing)
         touch = torch.where(missing[..., None], self.missing_touch, self.touch(history.tactile))
-        rotation = finger_frames(self.hand, history.joints[:, 0]).distal_rotation  # (batch, fingers, 3, 3)
+        rotation, geometry = history.rotations, history.geometry
         gravity = (rotation.mT @ history.gravity[:, None, :, None]).squeeze(-1)
         own = functional.pad(joints, (0, 1))[..., self.finger_joints]  # (batch, frames, fingers, longest)
         moves = own.transpose(1, 2).flatten(2), tips.transpose(1, 2).flatten(2)
-        local = torch.cat([touch, *moves, rotation.flatten(2), gravity], -1)
+        local = torch.cat([touch, *moves, rotation.flatten(2), gravity, geometry], -1)
         hidden = functional.silu(self.finger_in(local) + self.finger_bias)
         fingers = _norm(self.finger_out(hidden))
-        body = _norm(self.body(torch.cat([joints.flatten(1), tips.flatten(1), history.gravity], -1)))
+        whole = [joints.flatten(1), tips.flatten(1), history.gravity, geometry.flatten(1)]
+        body = _norm(self.body(torch.cat(whole, -1)))
         if slow is None:
             slow = self.slow_token(history)
         return State(body, self._pool(body, fingers), fingers, slow)
@@ -190,7 +190,9 @@ class Encoder(nn.Module):
             log(1 + load [N]) per finger, the logit that it carries load a horizon later, and what the slow
             token alone says of log(1 + right force [N]); (batch, fingers) each.
         """
-        shared = torch.cat([state.body, state.contact], -1).unsqueeze(1).expand(-1, self.hand.n_fingers, -1)
+        shared = (
+            torch.cat([state.body, state.contact], -1).unsqueeze(1).expand(-1, state.fingers.shape[1], -1)
+        )
         later = self.contact_head(torch.cat([state.fingers, shared], -1)).squeeze(-1)
         return self.load_head(state.fingers).squeeze(-1), later, self.grip_head(state.slow)
 
@@ -211,14 +213,6 @@ class Encoder(nn.Module):
         weights = (query * keys).sum(-1).mul(keys.shape[-1] ** -0.5).softmax(-1)  # (batch, heads, fingers)
         pooled = (weights.unsqueeze(-1) * values).sum(2).flatten(1)
         return _norm(self.contact(torch.cat([pooled, fingers.flatten(1)], -1)))
-
-
-def _finger_joints(hand: Hand) -> Tensor:
-    """Return each finger's joints, (fingers, joints of the longest); `n_joints` stands for those it lacks."""
-    found = torch.full((hand.n_fingers, hand.tables.widest), hand.n_joints)
-    for row, own in zip(found, hand.finger_joints, strict=True):
-        row[: own.stop - own.start] = torch.arange(own.start, own.stop)
-    return found
 
 
 def compress(force: Tensor, scale: float) -> Tensor:

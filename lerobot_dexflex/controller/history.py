@@ -15,6 +15,7 @@ from lerobot_dexflex.controller.config import (
 )
 from lerobot_dexflex.conventions import FINGERTIPS, GRAVITY, STATE, TACTILE
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hand.kinematics import finger_frames
 from lerobot_dexflex.hands import Hand
 
 SLOW_OFFSETS = tuple(range(0, SLOW_STRIDE * SLOW_SAMPLES, SLOW_STRIDE))
@@ -40,6 +41,11 @@ class History(NamedTuple):
     """Measured fingertips in the slow window [m]. Shape (batch, 8, fingers, 3)."""
     slow_missing: Tensor
     """Rows whose slow token is hidden. Shape (batch,), bool."""
+    rotations: Tensor
+    """Orientations of the distal links now, palm frame. Shape (batch, fingers, 3, 3)."""
+    geometry: Tensor
+    """What a controller of several hands is told of each finger, see `Layout.geometry`; of one hand nothing.
+    Shape (batch, fingers, numbers)."""
 
     def without_touch(self) -> "History":
         """Return the same history with the touch of every finger missing."""
@@ -153,6 +159,8 @@ class HistoryBuffer:
             slow_loads=self._slow_loads[:, slow],
             slow_fingertips=self._slow_tips[:, slow],
             slow_missing=torch.zeros_like(fresh),
+            rotations=finger_frames(self.hand, frame.joints).distal_rotation,
+            geometry=frame.joints.new_zeros(rows, self.hand.n_fingers, 0),
         )
 
     def remember(self, draft: Tensor) -> None:

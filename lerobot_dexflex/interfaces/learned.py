@@ -65,7 +65,7 @@ class LearnedInterface(CommandedInterface):
             folder = find_controller(controller)
             source, controller = f"The controller in {folder}", shared_controller(folder)
         controller.config.check(hand, source)
-        self.controller = controller.eval()
+        self.controller = controller.eval().serving(hand)
         self._touch, self._drafts, self._past = TouchWatch(hand), DraftWatch(), HistoryBuffer(hand)
         self._fingers = FreeFingers()
         self._explanation: Explanation | None = None

@@ -154,7 +154,7 @@ def _propose(
         others_level=config.others_level,
     )
     drawn = settings.n_candidates - 1
-    noise = torch.randn(len(rows), drawn, data.hand.n_fingers, controller.config.finger_chunk_width)
+    noise = torch.randn(len(rows), drawn, data.layout.n_fingers, controller.config.finger_chunk_width)
     chunks = controller.propose(state, draft, settings, noise).chunks
     floats = {**state._asdict(), "draft": draft, "past": past, "clean": data.plan(rows), "chunks": chunks}
     for name in (*State._fields, "chunks"):

@@ -11,8 +11,6 @@ from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.history import History
 from lerobot_dexflex.controller.splitter import Splitter
 from lerobot_dexflex.hand.contacts import CONTACT_FORCE
-from lerobot_dexflex.hand.kinematics import contact_torques, fingertips, leads, pads
-from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.training.augmentation import AugmentationConfig, augment
 from lerobot_dexflex.training.corpus_data import CorpusData
 from lerobot_dexflex.training.fit import FitConfig, Stage
@@ -94,7 +92,7 @@ class SplitterStage(Stage):
         return metrics
 
     def _gather(self, data: CorpusData, rows: Tensor) -> Batch:
-        config, fingers = self._config, data.hand.n_fingers
+        config, fingers = self._config, data.layout.n_fingers
         spoilt = torch.rand(len(rows), 1, 1, 1) < config.draft_share
         motion = torch.where(spoilt, data.draft(rows), data.plan(rows))
         strayed = torch.rand(len(rows), 1, 1) < config.strayed_share
@@ -104,21 +102,8 @@ class SplitterStage(Stage):
         pressing = torch.rand(len(rows)) < config.pressing_share
         size = config.least + (config.most - config.least) * torch.rand(len(rows), 1, 1)
         size = size * (1 + config.unevenness * torch.randn(len(rows), fingers, 1))
-        needed = squeeze_of(data.hand, data.columns["joints"][rows], data.columns["forces"][rows])
-        squeeze = pressing[:, None, None] * size * needed
+        squeeze = pressing[:, None, None] * size * data.columns["squeeze"][rows]
         return Batch(data.history(rows), motion + squeeze[:, None], squeeze)
-
-
-def squeeze_of(hand: Hand, joints: Tensor, forces: Tensor) -> Tensor:
-    """Return by how much fingertips must be commanded into an object to press it [m], float32.
-
-    Args:
-        hand: Whose fingertips.
-        joints: Measured [rad]. Shape (batch, joints).
-        forces: Of the fingers on the object, palm frame [N]. Shape (batch, fingers, 3).
-    """
-    torques = contact_torques(hand, joints, pads(hand, joints)[0], forces)
-    return (fingertips(hand, joints + leads(hand, torques)) - fingertips(hand, joints)).float()
 
 
 def _rms_mm(values: Tensor) -> float:

@@ -13,13 +13,13 @@ from lerobot_dexflex.controller.checkpoint import find
 from lerobot_dexflex.controller.config import ControllerConfig
 from lerobot_dexflex.controller.controller import DexFlexController
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
+from lerobot_dexflex.controller.layout import BETWEEN, SharedLayout
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hands import Hand
 from lerobot_dexflex.runs.lock import locked
 from lerobot_dexflex.runs.provenance import weights_digest
 from lerobot_dexflex.training.bank import BankConfig, ProposalBank
 from lerobot_dexflex.training.claim import claim
-from lerobot_dexflex.training.corpus_data import CorpusData, corpus_digest
+from lerobot_dexflex.training.corpus_data import CorpusData, corpus_digest, hand_of
 from lerobot_dexflex.training.diffusion_prior import DexGenConfig, DexGenStage
 from lerobot_dexflex.training.encoder_prior import EncoderPriorConfig, EncoderPriorStage, part
 from lerobot_dexflex.training.fit import DONE, FitConfig, Stage, fit, load_finished
@@ -43,8 +43,11 @@ _PARTS: dict[str, Callable[["Trainer"], nn.Module]] = {
 
 @dataclass
 class NetworkConfig:
-    """What of the controller may be chosen; the hand is the corpus' own."""
+    """What of the controller may be chosen."""
 
+    hand: str = ""
+    """The hand, or hands with `+` between them; by default those of the corpora. More may be named, which the
+    controller is to learn later."""
     use_touch: bool = True
     """Train and run with touch."""
     use_slow: bool = True
@@ -59,6 +62,8 @@ class TrainConfig:
 
     corpus: Path = Path("outputs/corpus/reach")
     """The corpus; its test split is never read."""
+    beside: list[Path] = field(default_factory=list)
+    """Corpora of further hands, from which the same controller learns as well."""
     output: Path = Path("outputs/controller")
     """Folder of states, metrics and, in `controller`, the result. Run again to continue."""
     stages: list[str] = field(default_factory=lambda: list(STAGES))
@@ -79,6 +84,7 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         self.corpus, self.output = Path(self.corpus), Path(self.output)
+        self.beside = [Path(folder) for folder in self.beside]
         unknown = sorted(set(self.stages) - set(STAGES))
         if unknown or not self.stages:
             raise DexFlexError(f"`stages` must name some of {', '.join(STAGES)}. Got {self.stages}.")
@@ -89,20 +95,33 @@ class TrainConfig:
         if min(self.bank.rows, self.bank.held_out_rows) < 1 or self.threads < 1:
             raise DexFlexError("`bank.rows`, `bank.held_out_rows` and `threads` must be at least 1.")
 
+    @property
+    def corpora(self) -> list[Path]:
+        """All corpora, one for each hand."""
+        return [self.corpus, *self.beside]
+
 
 class Trainer:
     """All that the stages share: data and the controller in the making."""
 
     def __init__(self, config: TrainConfig) -> None:
         self.config = config
-        self.train, self.tune = (CorpusData(config.corpus, split) for split in ("train", "tune"))
+        names = [hand_of(folder).name for folder in config.corpora]
         torch.manual_seed(config.seed)
         if config.init_from:
             self.controller = DexFlexController.from_pretrained(config.init_from)
-            _check_hand(self.controller.config, self.train.hand, config)
+            _check_hands(self.controller.config, names, config)
         else:
-            settings = ControllerConfig(hand=self.train.hand.name, **asdict(config.network))
-            self.controller = DexFlexController(settings)
+            network = asdict(config.network)
+            network["hand"] = network["hand"] or BETWEEN.join(dict.fromkeys(names))
+            self.controller = DexFlexController(ControllerConfig(**network))
+        layout = self.controller.config.layout
+        if isinstance(layout, SharedLayout) and "dexgen" in config.stages:
+            raise DexFlexError(
+                "DexGen, the baseline, is trained for one hand. Leave `dexgen` out of `stages`: "
+                f"--stages=[{','.join(STAGES[:-1])}]."
+            )
+        self.train, self.tune = (CorpusData(config.corpora, split, layout) for split in ("train", "tune"))
         self.controller.eval().requires_grad_(False)
         self.dexgen = DiffusionPrior(self.controller.config)
 
@@ -142,7 +161,7 @@ class Trainer:
         files = {stage: config.output / stage / DONE for stage in _before(name) if stage in config.stages}
         start = find(config.init_from) if config.init_from else None
         return {
-            "corpus": corpus_digest(config.corpus),
+            "corpus": corpus_digest(*config.corpora),
             "init_from": weights_digest([start.config, start.weights]) if start else "",
             "after": {stage: weights_digest([file]) for stage, file in files.items()},
         }
@@ -160,13 +179,15 @@ class Trainer:
         return shared | own | self.before(name)
 
 
-def _check_hand(controller: ControllerConfig, hand: Hand, config: TrainConfig) -> None:
-    if controller.hand != hand.name:
-        raise DexFlexError(
-            f"The controller in {config.init_from} was trained for '{controller.hand}', but the corpus in "
-            f"{config.corpus} is of '{hand.name}'. Name a controller of '{hand.name}' with `init_from`, or "
-            "leave it out to train all stages."
-        )
+def _check_hands(controller: ControllerConfig, names: list[str], config: TrainConfig) -> None:
+    known = [hand.name for hand in controller.layout.hands]
+    for name, folder in zip(names, config.corpora, strict=True):
+        if name not in known:
+            raise DexFlexError(
+                f"The controller in {config.init_from} was trained for '{controller.hand}', but the corpus "
+                f"in {folder} is of '{name}'. Name a controller of '{name}' with `init_from`, or leave it "
+                "out to train all stages."
+            )
 
 
 def _before(name: str) -> tuple[str, ...]:
@@ -202,7 +223,10 @@ def _train(config: TrainConfig) -> Path:
             stage.network.load_state_dict(stage.average.state_dict())
             stage.network.eval().requires_grad_(False)
         record[name] = metrics
-    controller.record = {"corpus": config.corpus.as_posix(), "seed": config.seed} | record
+    controller.record = {
+        "corpus": ", ".join(folder.as_posix() for folder in config.corpora),
+        "seed": config.seed,
+    } | record
     controller.save_pretrained(config.output / "controller")
     if "dexgen" in config.stages:
         trainer.dexgen.save(config.output / "controller")

@@ -134,19 +134,10 @@ def events(corpus: CorpusData, rows: Tensor) -> Events:
     loaded = loads[rows] > CONTACT_FORCE
     ending = torch.stack([loads[rows + DRAFT_HORIZON - k] for k in range(_LAST_STEPS)], 1)
     kept = ending.amin(1) > CONTACT_FORCE
-    moved = _in_object(columns, rows + DRAFT_HORIZON) - _in_object(columns, rows)
+    moved = columns["in_object"][rows + DRAFT_HORIZON] - columns["in_object"][rows]
     slip = loaded & kept & (moved.norm(dim=-1) > SLIP)
     lost = columns["lost"][rows[:, None] + torch.arange(DRAFT_HORIZON)].any(1)
     return Events(loaded, loaded & ~kept, slip, lost)
-
-
-def _in_object(columns: dict[str, Tensor], rows: Tensor) -> Tensor:
-    """Return the fingertips in the object's frame [m]. Shape (batch, fingers, 3)."""
-    pose = columns["object"][rows]
-    w, v = pose[:, None, 3:4], -pose[:, None, 4:]  # The inverse rotation.
-    arm = columns["fingertips"][rows] - pose[:, None, :3]
-    twice = 2 * torch.linalg.cross(v.expand_as(arm), arm)
-    return arm + w * twice + torch.linalg.cross(v.expand_as(arm), twice)
 
 
 def _answers(prediction: Prediction, events: Events) -> dict[str, tuple[Tensor, Tensor]]:

@@ -2,6 +2,7 @@ import pytest
 import torch
 
 from lerobot_dexflex.controller import ControllerConfig, DexFlexController, History
+from lerobot_dexflex.hand.kinematics import finger_frames
 from lerobot_dexflex.hands import LEAP, SHARPA
 
 
@@ -30,8 +31,9 @@ def random_history(hand, rows, seed=0):
     def noise(*shape):
         return torch.randn(rows, *shape, generator=generator)
 
+    joints = 0.3 + 0.1 * noise(4, hand.n_joints)
     return History(
-        joints=0.3 + 0.1 * noise(4, hand.n_joints),
+        joints=joints,
         fingertips=0.08 + 0.02 * noise(4, fingers, 3),
         gravity=torch.nn.functional.normalize(noise(3), dim=-1),
         tactile=0.05 * noise(4, fingers, *hand.taxels).clamp(min=0),
@@ -39,6 +41,8 @@ def random_history(hand, rows, seed=0):
         slow_loads=noise(8, fingers).clamp(min=0),
         slow_fingertips=0.08 + 0.02 * noise(8, fingers, 3),
         slow_missing=torch.zeros(rows, dtype=torch.bool),
+        rotations=finger_frames(hand, joints[:, 0]).distal_rotation,
+        geometry=torch.zeros(rows, fingers, 0),
     )
 
 

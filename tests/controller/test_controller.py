@@ -204,10 +204,12 @@ def controller_history(hand, rows, generator):
         return torch.randn(rows, *shape, generator=generator)
 
     n = hand.n_fingers
+    turns, geometry = torch.eye(3).expand(rows, n, 3, 3), torch.zeros(rows, n, 0)
     off = torch.zeros(rows, n, dtype=torch.bool)
     tips = 0.08 + 0.004 * noise(8, n, 3).cumsum(1)
     joints, touch = noise(4, hand.n_joints), noise(4, n, *hand.taxels)
-    return History(joints, tips[:, :4], noise(3), touch, off, noise(8, n).abs(), tips, off[:, 0])
+    seen = joints, tips[:, :4], noise(3), touch, off, noise(8, n).abs(), tips, off[:, 0]
+    return History(*seen, turns, geometry)
 
 
 def test_every_joint_reaches_the_token_of_its_finger_and_no_other(hand, controller, history):

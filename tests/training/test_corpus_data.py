@@ -23,7 +23,7 @@ def data(corpora, hand):
 
 
 def test_all_shards_are_read_and_episodes_stay_apart(data, hand):
-    assert data.hand == hand
+    assert data.layout.hands == (hand,)
     assert len(data) == 2 * 6 * 48
     assert data.columns["tactile"].dtype == torch.float16
     assert torch.equal(data.columns["episode"], torch.arange(12).repeat_interleave(48))

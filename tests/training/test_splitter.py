@@ -4,9 +4,9 @@ import torch
 from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.hand.kinematics import contact_torques, fingertips, joint_limits, pads, solve_fingertips
 from lerobot_dexflex.hands import LEAP, SHARPA
-from lerobot_dexflex.training.corpus_data import CorpusData
+from lerobot_dexflex.training.corpus_data import CorpusData, squeeze_of
 from lerobot_dexflex.training.fit import FitConfig
-from lerobot_dexflex.training.splitter import SplitterConfig, SplitterStage, squeeze_of
+from lerobot_dexflex.training.splitter import SplitterConfig, SplitterStage
 
 
 @pytest.fixture(scope="module")

@@ -162,6 +162,28 @@ def test_the_corpus_decides_the_hand_and_all_stages_serve_it(corpora, tmp_path):
     assert DiffusionPrior.load(tmp_path / "controller", controller.config).dynamics[-1].out_features == 22
 
 
+def test_one_controller_learns_from_the_corpora_of_two_hands(corpora, tmp_path, capsys):
+    words = [f"--corpus={corpora['leap']}", f"--beside=[{corpora['sharpa']}]", f"--output={tmp_path}", *SMALL]
+    assert main(words) == 1
+    assert "DexGen, the baseline, is trained for one hand" in capsys.readouterr().err
+    shared = "--stages=[encoder_prior,world_model,score,splitter]"
+    assert main([*words, shared]) == 0
+    controller = DexFlexController.from_pretrained(tmp_path / "controller")
+    assert controller.config.hand == "leap+sharpa"
+    assert "fingers index, middle, ring, thumb; index, middle, ring, pinky, thumb; 16 and 22 joints" in (
+        (tmp_path / "controller/README.md").read_text()
+    )
+    # It goes on with the corpus of one of its hands.
+    more = [f"--corpus={corpora['sharpa']}", f"--output={tmp_path / 'more'}", "--stages=[encoder_prior]"]
+    assert main([*more, f"--init_from={tmp_path / 'controller'}", *SMALL]) == 0
+
+
+def test_a_layout_for_hands_to_come_is_named(corpora, tmp_path):
+    words = [f"--corpus={corpora['leap']}", f"--output={tmp_path}", "--network.hand=leap+sharpa"]
+    assert main([*words, "--stages=[encoder_prior]", *SMALL]) == 0
+    assert DexFlexController.from_pretrained(tmp_path / "controller").config.hand == "leap+sharpa"
+
+
 def test_a_controller_is_not_trained_on_with_the_corpus_of_another_hand(trained, corpora, tmp_path, capsys):
     start = f"--init_from={trained / 'controller'}"
     words = [f"--corpus={corpora['sharpa']}", f"--output={tmp_path}", start, "--stages=[score]", *SMALL]

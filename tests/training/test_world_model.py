@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lerobot_dexflex.controller import DexFlexController
-from lerobot_dexflex.training.corpus_data import CorpusData
+from lerobot_dexflex.training.corpus_data import CorpusData, tips_in_object
 from lerobot_dexflex.training.fit import FitConfig
 from lerobot_dexflex.training.world_model import WorldModelConfig, WorldModelStage, events, recorded
 
@@ -32,8 +32,7 @@ def test_a_tip_slips_if_it_moves_along_the_object_not_if_it_moves_with_it():
         quaternion = torch.tensor([math.cos(half), 0.0, 0.0, math.sin(half)])
         poses.append(torch.cat([torch.tensor([0.1, 0.0, 0.0]) + k / 8 * shift, quaternion]))
     columns = {
-        "fingertips": course,
-        "object": torch.stack(poses),
+        "in_object": tips_in_object(torch.stack(poses), course),
         "loads": torch.ones(9, 4),
         "lost": torch.zeros(9, dtype=torch.bool),
     }
