@@ -1,6 +1,7 @@
 # Every target sets up what it needs: uv (found or installed into .uv/), .venv from uv.lock, then runs.
 export OMP_NUM_THREADS ?= 1
 export HF_HUB_OFFLINE ?= 1
+export PYTHONDONTWRITEBYTECODE := # Docker images of Python set it; every process would compile torch anew.
 PYTHON := .venv/bin/python
 READY := .venv/.synced
 
