@@ -26,7 +26,9 @@ def main() -> None:
     (condition,), seed = comparison.conditions, comparison.seeds[0]
     for task in comparison.players:
         traces = {
-            method: read_trace(comparison.trace(task, condition, seed, comparison.named(method)))
+            method.removesuffix(":use_splitter=True"): read_trace(
+                comparison.trace(task, condition, seed, comparison.named(method))
+            )
             for method in comparison.methods
         }
         picture = interventions(traces, "change of the draft [mm]", "around contact events")

@@ -9,7 +9,7 @@ degraded.png and removals.png: figures of the in-hand benchmark, from reach.csv.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,6 @@ def selectivity(summary: Summary) -> bytes:
         {
             name: [(r.mean, r.ci95 or (r.mean, r.mean)) for r in ratios if r is not None]
             for name, ratios in found.items()
-            if None not in ratios
         },
     )
     axes.axhline(1, color=INK, lw=0.8, ls=":")
@@ -98,15 +97,26 @@ def selectivity(summary: Summary) -> bytes:
 
 
 def _draw(axes: Any, found: dict[str, list[tuple[float, tuple[float, float]]]]) -> list[float]:
-    """Draw a group of points with intervals per column; return how far each method is from the middle."""
+    """Draw a group of points with intervals per column, of methods that have some.
+
+    Returns how far each method is from the middle.
+    """
     shifts = np.linspace(-SPREAD / 2, SPREAD / 2, len(found)).tolist()
     for k, (name, points) in enumerate(found.items()):
         for column, (centre, (low, high)) in enumerate(points):
             error = np.clip([[centre - low], [high - centre]], 0, None)
             axes.errorbar(column + shifts[k], centre, error, fmt="o", color=colour(k), capsize=3)
-        axes.plot([], [], "o", color=colour(k), label=name)
+        if points:
+            axes.plot([], [], "o", color=colour(k), label=_told(name, found))
     axes.legend(ncols=min(len(found), 4), loc="lower center", bbox_to_anchor=(0.5, 1.02), **LEGEND)
     return shifts
+
+
+def _told(name: str, names: Iterable[str]) -> str:
+    """Return a name without the splitter, and without a source that all names share."""
+    name = name.removesuffix(":use_splitter=True")
+    alike = len({other.rpartition("/")[0] for other in names}) == 1
+    return name.rpartition("/")[2] if alike else name
 
 
 def _label(axes: Any, columns: Sequence[str]) -> None:
