@@ -92,11 +92,3 @@ class CorpusConfig:
         """Return the seeds of a job's objects."""
         first = FIRST_SEED[split] + job * self.objects_per_job
         return list(range(first, first + self.objects_per_job))
-
-
-_DECISIVE = ("hand", "seed", "objects_per_job", "steps_per_object", "shares")
-
-
-def identity(config: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of `CorpusConfig.to_dict()` on which every shard depends."""
-    return {key: config.get(key) for key in _DECISIVE}

@@ -5,14 +5,17 @@ from typing import Any
 
 import yaml
 
-from lerobot_dexflex.corpus.config import FIRST_SEED, CorpusConfig, identity
+from lerobot_dexflex.corpus.config import FIRST_SEED, CorpusConfig
 from lerobot_dexflex.corpus.schema import KINDS
 from lerobot_dexflex.corpus.shard import read_header
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import get_hand
 
 RECIPE = "recipe.yaml"
 _CARD = "README.md"
 """May wait in the folder for the data that it describes."""
+_DECISIVE = ("hand", "seed", "objects_per_job", "steps_per_object", "shares")
+"""Settings on which every shard depends, beside the numbers of the hand."""
 
 
 def open_folder(config: CorpusConfig, origin: dict[str, Any]) -> None:
@@ -24,8 +27,7 @@ def open_folder(config: CorpusConfig, origin: dict[str, Any]) -> None:
     folder = config.output
     recipe = folder / RECIPE
     if recipe.is_file():
-        have = identity(_read(recipe))
-        wanted = identity(config.to_dict())
+        have, wanted = _identity(_read(recipe)), _identity(_recipe(config))
         different = [
             f"{key}: {have[key]} there, {wanted[key]} now" for key in wanted if have[key] != wanted[key]
         ]
@@ -43,7 +45,7 @@ def open_folder(config: CorpusConfig, origin: dict[str, Any]) -> None:
             "away; nothing was changed."
         )
     folder.mkdir(parents=True, exist_ok=True)
-    _write(recipe, {"complete": False, "recipe": config.to_dict(), "origin": origin})
+    _write(recipe, {"complete": False, **_recipe(config), "origin": origin})
 
 
 def close_folder(
@@ -51,7 +53,7 @@ def close_folder(
 ) -> dict[str, Any]:
     """Write the recipe with the totals of the finished shards and return the totals."""
     totals = {split: _summary(paths) for split, paths in shards.items() if paths}
-    recipe = {"complete": True, "recipe": config.to_dict(), "origin": origin, "totals": totals}
+    recipe = {"complete": True, **_recipe(config), "origin": origin, "totals": totals}
     _write(config.output / RECIPE, recipe)
     return totals
 
@@ -92,15 +94,25 @@ def kind_key(kind: int) -> str:
     return "steps_" + KINDS[kind].replace(" ", "_")
 
 
+def _recipe(config: CorpusConfig) -> dict[str, Any]:
+    """Return what a recipe file says of the configuration, and of the numbers behind the hand's name."""
+    return {"recipe": config.to_dict(), "numbers": get_hand(config.hand).signature}
+
+
+def _identity(recipe: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries of a recipe file on which every shard depends."""
+    return {key: recipe["recipe"].get(key) for key in _DECISIVE} | {"numbers": recipe.get("numbers")}
+
+
 def _read(path: Path) -> dict[str, Any]:
-    """Return the configuration in a recipe file.
+    """Return what a recipe file holds.
 
     Raises:
         DexFlexError: If the file is damaged.
     """
     try:
-        found = yaml.safe_load(path.read_text())["recipe"]
-        if isinstance(found, dict):
+        found = yaml.safe_load(path.read_text())
+        if isinstance(found["recipe"], dict):
             return found
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
         pass

@@ -94,7 +94,7 @@ class LeRobotPolicies:
         folder = self.checkpoint(method)
         part = check_checkpoint(self.hand, folder, Method.parse(method), self.draft)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *policy_modules(folder))
-        settings |= {"device": self.device, "executes": part, "hand": self.hand.name}
+        settings |= {"device": self.device, "executes": part, "hand": self.hand.signature}
         return _version(method, modules, folder, self.controller, **settings)
 
 
@@ -129,7 +129,7 @@ class AdaptedPolicies:
         """Return what decides a method's episodes on a task; see `LeRobotPolicies.version`."""
         check_backbone(self.backbone)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *adapter_modules())
-        settings |= {"device": self.device, "hand": self.hand.name}
+        settings |= {"device": self.device, "hand": self.hand.signature}
         return _version(method, modules, self.backbone, self.controller, **settings)
 
 

@@ -60,7 +60,7 @@ class Teleoperators:
         own = (rollout.__name__, type(self).__module__, TASKS[task].module, expert_module(self.task))
         weights = parsed.weights(self.controller)
         source = {} if parsed.command_space == "joint" else {"source": self.source}
-        settings |= {"method": parsed.name, "hand": self.hand.name, **source}
+        settings |= {"method": parsed.name, "hand": self.hand.signature, **source}
         return method_version((*own, *parsed.modules), weights, **settings)
 
 

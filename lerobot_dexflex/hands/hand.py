@@ -1,5 +1,6 @@
 """Describe a hand by numbers: everything that model, kinematics, touch and grasps need to know of it."""
 
+import hashlib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -125,6 +126,11 @@ class Hand:
             raise DexFlexError(f"`pad_spacing` must be positive [m]. Got {self.pad_spacing}.")
         if not self.palm_inertia.mass > 0:
             raise DexFlexError(f"The mass of the palm must be positive [kg]. Got {self.palm_inertia.mass}.")
+
+    @cached_property
+    def signature(self) -> str:
+        """Name and a digest of all numbers, for what must not be continued with another hand of the name."""
+        return f"{self.name}-{hashlib.sha256(repr(self).encode()).hexdigest()[:8]}"
 
     @cached_property
     def n_fingers(self) -> int:

@@ -55,9 +55,8 @@ def expert_rate(
         raise DexFlexError(f"`seed` must not be negative. Got {seed}.")
     own = Method.parse("joint").modules
     modules = (__name__, run_attempt.__module__, TASKS[task].module, expert_module(task), *own)
-    version = method_version(
-        modules, first_seed=seed, hand=hand.name
-    )  # The expert's noise is drawn from it and k.
+    # The expert's noise is drawn from the first seed and k.
+    version = method_version(modules, first_seed=seed, hand=hand.signature)
     jobs = [Job(METHOD, version.name, task, CONDITION, (seed + k,)) for k in range(episodes)]
     attempt = run or functools.partial(run_attempt, hand, task, seed, cameras=False)
     work = functools.partial(_run_job, attempt, seed)

@@ -12,7 +12,7 @@ from lerobot_dexflex.corpus.config import CorpusConfig, Jobs, Shares
 from lerobot_dexflex.corpus.schema import KINDS, columns, snapshot_columns
 from lerobot_dexflex.corpus.shard import Shard, read_header, read_shard, shard_path, write_shard
 from lerobot_dexflex.errors import DexFlexError
-from lerobot_dexflex.hands import get_hand
+from lerobot_dexflex.hands import LEAP, get_hand
 from lerobot_dexflex.runs.lock import locked
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs/corpus").glob("*.yaml"))
@@ -98,7 +98,11 @@ def test_another_recipe_or_folder_is_refused_untouched(config, tmp_path):
     config.steps_per_object, config.hand = 600, "sharpa"
     with pytest.raises(DexFlexError, match="hand: leap there, sharpa now"):
         generate.generate(config, [])
-    assert (config.output / "recipe.yaml").read_text() == before
+    config.hand, changed = "leap", before.replace(LEAP.signature, "leap-00000000")
+    (config.output / "recipe.yaml").write_text(changed)
+    with pytest.raises(DexFlexError, match=f"numbers: leap-00000000 there, {LEAP.signature} now"):
+        generate.generate(config, [])
+    assert (config.output / "recipe.yaml").read_text() == changed != before
     config.output = tmp_path / "other"
     config.output.mkdir()
     (config.output / "thesis.tex").touch()

@@ -86,6 +86,13 @@ def test_what_is_no_hand_is_refused(ragged, wrong, message):
         replace(ragged, **wrong(ragged))
 
 
+def test_the_signature_tells_hands_of_one_name_apart(ragged):
+    assert ragged.signature.startswith(f"{ragged.name}-")
+    assert replace(ragged).signature == ragged.signature
+    wider = replace(ragged, pad_spacing=ragged.pad_spacing + 1e-4)
+    assert wider.signature != ragged.signature
+
+
 def test_joints_are_counted_finger_by_finger(ragged):
     assert (ragged.n_fingers, ragged.n_joints) == (3, 12)
     assert ragged.finger_joints == (slice(0, 3), slice(3, 8), slice(8, 12))

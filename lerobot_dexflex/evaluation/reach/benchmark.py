@@ -87,8 +87,9 @@ class Benchmark:
         """Return the chains of a condition; all conditions of the same goals share theirs."""
         verified = Condition.parse(condition).verified
         kind = "verified" if verified else "unverified"
-        path = self.chains / f"{self.hand}_{kind}_{self.first_seed}.jsonl"
-        return ChainBook(get_hand(self.hand), path, self.first_seed, verified)
+        hand = get_hand(self.hand)
+        path = self.chains / f"{hand.signature}_{kind}_{self.first_seed}.jsonl"
+        return ChainBook(hand, path, self.first_seed, verified)
 
     def version(self, method: str) -> Version:
         """Return what decides the episodes of a method.
@@ -98,7 +99,8 @@ class Benchmark:
         """
         parsed = Method.parse(method)
         modules, weights = (*_RUN_BY, *parsed.modules), parsed.weights(self.controller)
-        settings = {"batch": self.batch, "group": self.group, "max_steps": MAX_STEPS, "hand": self.hand}
+        hand = get_hand(self.hand).signature
+        settings = {"batch": self.batch, "group": self.group, "max_steps": MAX_STEPS, "hand": hand}
         return method_version(modules, weights, **settings)
 
     def count(self, method: str) -> int:

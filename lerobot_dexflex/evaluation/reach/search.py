@@ -94,8 +94,9 @@ class Search:
     @property
     def book(self) -> ChainBook:
         """The chains."""
-        path = self.chains / f"{self.hand}_unverified_{TRAINING_SEED}.jsonl"
-        return ChainBook(get_hand(self.hand), path, TRAINING_SEED)
+        hand = get_hand(self.hand)
+        path = self.chains / f"{hand.signature}_unverified_{TRAINING_SEED}.jsonl"
+        return ChainBook(hand, path, TRAINING_SEED)
 
     def jobs(self, trials: int, version: str) -> list[Job]:
         """Return the first trials as jobs, each a condition of its own; the chains must have been built."""
@@ -157,7 +158,7 @@ def run_search(search: Search, trials: int, workers: int, quiet: bool = False) -
         (__name__, PressInterface.__module__, TASKS[TASK].module),
         batch=BATCH,
         n_chains=search.n_chains,
-        hand=search.hand,
+        hand=get_hand(search.hand).signature,
     )
     search.book.ensure(search.n_chains, workers, quiet)
     jobs = search.jobs(trials, version.name)

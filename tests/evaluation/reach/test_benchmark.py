@@ -11,7 +11,7 @@ from lerobot_dexflex.evaluation.reach.benchmark import Benchmark
 from lerobot_dexflex.evaluation.reach.bounds import ORACLE
 from lerobot_dexflex.evaluation.reach.report import PAGE, TABLES, write_report
 from lerobot_dexflex.evaluation.reach.summary import summarise
-from lerobot_dexflex.hands import HANDS
+from lerobot_dexflex.hands import HANDS, LEAP, SHARPA
 from lerobot_dexflex.interfaces import INTERFACES
 from lerobot_dexflex.runs.provenance import imported
 from lerobot_dexflex.runs.table import KEY, Table
@@ -198,10 +198,10 @@ def test_the_report_is_one_file_and_says_where_its_rows_come_from(tmp_path, loop
 def test_rows_and_chains_of_another_hand_stay_apart(tmp_path):
     leap, sharpa = (Benchmark(("raw",), ("clean",), tmp_path, tmp_path, hand=hand) for hand in HANDS)
     assert leap.version("raw") != sharpa.version("raw")
-    assert "hand=sharpa" in sharpa.version("raw").settings
-    assert leap.book("clean").path.name == "leap_unverified_100000.jsonl"
-    assert sharpa.book("clean").path.name == "sharpa_unverified_100000.jsonl"
-    assert sharpa.book("clean").hand is HANDS["sharpa"]
+    assert f"hand={SHARPA.signature}" in sharpa.version("raw").settings
+    assert leap.book("clean").path.name == f"{LEAP.signature}_unverified_100000.jsonl"
+    assert sharpa.book("clean").path.name == f"{SHARPA.signature}_unverified_100000.jsonl"
+    assert sharpa.book("clean").hand is SHARPA
 
 
 def test_an_unknown_hand_is_refused_with_the_known_ones(tmp_path):
