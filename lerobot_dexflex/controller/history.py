@@ -42,9 +42,10 @@ class History(NamedTuple):
     slow_missing: Tensor
     """Rows whose slow token is hidden. Shape (batch,), bool."""
     rotations: Tensor
-    """Orientations of the distal links now, palm frame. Shape (batch, fingers, 3, 3)."""
+    """Orientations of the distal links now, palm frame; of a layout of several hands, of the pads in its frame.
+    Shape (batch, fingers, 3, 3)."""
     geometry: Tensor
-    """What a controller of several hands is told of each finger, see `Layout.geometry`; of one hand nothing.
+    """What a controller of several hands is told of each finger, see `SharedLayout.geometry`.
     Shape (batch, fingers, numbers)."""
 
     def without_touch(self) -> "History":
