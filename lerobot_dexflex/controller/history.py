@@ -42,7 +42,7 @@ class History(NamedTuple):
     slow_missing: Tensor
     """Rows whose slow token is hidden. Shape (batch,), bool."""
     rotations: Tensor
-    """Orientations of the distal links now, palm frame; of a layout of several hands, of the pads in its frame.
+    """Orientations of the distal links now, palm frame; in a layout of several hands, of the pads in its own.
     Shape (batch, fingers, 3, 3)."""
     geometry: Tensor
     """What a controller of several hands is told of each finger, see `SharedLayout.geometry`.
