@@ -12,7 +12,7 @@ help:  ## List the targets.
 demo: $(READY)  ## Compare press, DexGen and DexFlex below a live operator (2 minutes on 2 cores).
 	$(PYTHON) eval/compare_interfaces.py --operator=true --conditions=typical --methods=press:4,dexgen,dexflex --demo=true
 
-test: $(READY)  ## Run all tests on 2 cores (about 5 minutes).
+test: $(READY)  ## Run all tests on 2 cores (about 8 minutes).
 	$(PYTHON) -m pytest --numprocesses=2 --dist=worksteal
 
 check: $(READY)  ## Check format, lint and types.

@@ -209,7 +209,9 @@ def test_config_files_are_read_by_either_name(corpus, tmp_path):
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_shipped_configs_are_valid(path):
-    assert draccus.parse(TrainConfig, path, args=[]).stages == list(STAGES)
+    """That of several hands trains what drafts of motion need."""
+    config = draccus.parse(TrainConfig, path, args=[])
+    assert config.stages == list(STAGES[:3] if "+" in config.network.hand else STAGES)
 
 
 def test_errors_are_one_line(tmp_path, capsys):
