@@ -75,7 +75,7 @@ class DexFlexController(nn.Module, ModelHubMixin):
         self.decoder = Decoder(self.config)
         self.splitter = Splitter(self.config)
 
-    def serving(self, hand: Hand) -> "DexFlexController":
+    def serving(self, hand: Hand, source: str = "The controller") -> "DexFlexController":
         """Return this controller, its networks shared, as one that is told and tells in terms of a hand.
 
         Until then one of several hands speaks in those of its layout, as training does. A controller of one
@@ -83,8 +83,12 @@ class DexFlexController(nn.Module, ModelHubMixin):
 
         Args:
             hand: One of `config.hand`.
+            source: Which controller it is, for the message.
+
+        Raises:
+            DexFlexError: If it was not trained for the hand; see `ControllerConfig.check`.
         """
-        self.config.check(hand)
+        self.config.check(hand, source)
         layout = self.config.layout
         if not isinstance(layout, SharedLayout):
             return self

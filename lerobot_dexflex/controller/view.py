@@ -34,13 +34,12 @@ class View:
 
     def history(self, history: History) -> History:
         """Return what the hand felt, as the networks see it."""
-        felt = self.fingers(~history.tactile_missing)
         return History(
             joints=self.joints(history.joints),
             fingertips=self.points(history.fingertips),
             gravity=self.direction(history.gravity),
             tactile=self.taxels(history.tactile),
-            tactile_missing=~felt,
+            tactile_missing=self.missing(history.tactile_missing),
             slow_loads=self.fingers(history.slow_loads),
             slow_fingertips=self.points(history.slow_fingertips),
             slow_missing=history.slow_missing,
@@ -55,6 +54,10 @@ class View:
     def fingers(self, values: Tensor) -> Tensor:
         """Return numbers of the fingers, (..., fingers), by slot; zero where there is none."""
         return self.spread(values, -1)
+
+    def missing(self, fingers: Tensor) -> Tensor:
+        """Return by slot which fingers, (..., fingers) bool, are missing: those, and where there is none."""
+        return ~self.spread(~fingers, -1)
 
     def taxels(self, values: Tensor) -> Tensor:
         """Return numbers of the taxels, (..., fingers, along, across), by slot; zero where there is none."""

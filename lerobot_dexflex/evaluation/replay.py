@@ -121,7 +121,6 @@ class ReplayController:
     def __init__(
         self, hand: Hand, actions: NDArray[np.float32], interface: str, errors: CommandErrors = NO_ERRORS
     ) -> None:
-        self._hand = hand
         self._actions = torch.from_numpy(np.array(actions, np.float64))
         self._interface = DisturbedInterface(make_interface(hand, interface), errors)
         self._step = 0
@@ -138,7 +137,7 @@ class ReplayController:
         """Return the next joint targets [rad]. Shape (1, joints)."""
         del task
         ahead = [min(self._step + k, len(self._actions) - 1) for k in range(DRAFT_HORIZON)]
-        hand, planned = self._hand, self._actions[ahead]
+        hand, planned = self._interface.hand, self._actions[ahead]
         joints, tips = planned[:, : -3 * hand.n_fingers], planned[:, -3 * hand.n_fingers :]
         state = {
             key: torch.from_numpy(observation[name]).double()

@@ -64,8 +64,7 @@ class LearnedInterface(CommandedInterface):
         if not isinstance(controller, DexFlexController):
             folder = find_controller(controller)
             source, controller = f"The controller in {folder}", shared_controller(folder)
-        controller.config.check(hand, source)
-        self.controller = controller.eval().serving(hand)
+        self.controller = controller.eval().serving(hand, source)
         self._touch, self._drafts, self._past = TouchWatch(hand), DraftWatch(), HistoryBuffer(hand)
         self._fingers = FreeFingers()
         self._explanation: Explanation | None = None

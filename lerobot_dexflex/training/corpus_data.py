@@ -29,10 +29,11 @@ class CorpusData:
     Args:
         folders: The corpus, or several, as of several hands.
         split: `train` or `tune`.
-        layout: How the controller sees fingers; as of the corpus' hand if None. All columns are in its terms.
+        layout: How the controller sees the fingers of all these hands; as of the corpus' hand if None. All
+            columns are in its terms.
 
     Raises:
-        DexFlexError: If the split may not be read, is empty or damaged, or of a hand that the layout lacks.
+        DexFlexError: If the split may not be read, is empty or damaged, or mixes hands.
     """
 
     def __init__(self, folders: Path | Sequence[Path], split: str, layout: Layout | None = None) -> None:
@@ -211,11 +212,7 @@ def tips_in_object(pose: Tensor, tips: Tensor) -> Tensor:
 
 def _seen(layout: Layout, hand: Hand, shard: dict[str, Tensor]) -> dict[str, Tensor]:
     """Return a shard as a layout has its hand, and which of the layout's hands that is."""
-    if hand not in layout.hands:
-        names = ", ".join(f"'{known.name}'" for known in layout.hands)
-        raise DexFlexError(f"The controller is for {names}, but the corpus is of '{hand.name}'.")
-    rows = len(shard["step"])
-    shard["hand"] = torch.full((rows,), layout.hands.index(hand), dtype=torch.uint8)
+    shard["hand"] = torch.full((len(shard["step"]),), layout.hands.index(hand), dtype=torch.uint8)
     if not isinstance(layout, SharedLayout):
         return shard
     view = view_of(layout, hand)
@@ -230,5 +227,5 @@ def _seen(layout: Layout, hand: Hand, shard: dict[str, Tensor]) -> dict[str, Ten
         "gravity": view.direction(shard["gravity"]),
         "tactile": view.taxels(touch).flatten(1),
         "rotations": view.rotations(shard["rotations"]),
-        "absent": ~view.fingers(~shard["absent"]),
+        "absent": view.missing(shard["absent"]),
     }

@@ -110,12 +110,12 @@ class Trainer:
         torch.manual_seed(config.seed)
         if config.init_from:
             self.controller = DexFlexController.from_pretrained(config.init_from)
-            _check_hands(self.controller.config, names, config)
         else:
             network = asdict(config.network)
             network["hand"] = network["hand"] or BETWEEN.join(dict.fromkeys(names))
             self.controller = DexFlexController(ControllerConfig(**network))
         layout = self.controller.config.layout
+        _check_hands(self.controller.config, names, config)
         if isinstance(layout, SharedLayout) and "dexgen" in config.stages:
             raise DexFlexError(
                 "DexGen, the baseline, is trained for one hand. Leave `dexgen` out of `stages`: "
@@ -182,12 +182,18 @@ class Trainer:
 def _check_hands(controller: ControllerConfig, names: list[str], config: TrainConfig) -> None:
     known = [hand.name for hand in controller.layout.hands]
     for name, folder in zip(names, config.corpora, strict=True):
-        if name not in known:
+        if name in known:
+            continue
+        if config.init_from:
             raise DexFlexError(
                 f"The controller in {config.init_from} was trained for '{controller.hand}', but the corpus "
                 f"in {folder} is of '{name}'. Name a controller of '{name}' with `init_from`, or leave it "
                 "out to train all stages."
             )
+        raise DexFlexError(
+            f"`network.hand` is '{controller.hand}', but the corpus in {folder} is of '{name}'. Name it as "
+            "well, with `+` between hands, or leave `network.hand` out to take those of the corpora."
+        )
 
 
 def _before(name: str) -> tuple[str, ...]:

@@ -191,6 +191,14 @@ def test_a_controller_is_not_trained_on_with_the_corpus_of_another_hand(trained,
     assert re.search(r"was trained for 'leap', but the corpus in .* is of 'sharpa'", capsys.readouterr().err)
 
 
+def test_a_layout_without_the_hand_of_the_corpus_is_refused(corpora, tmp_path, capsys):
+    words = [f"--corpus={corpora['leap']}", f"--output={tmp_path}", "--network.hand=sharpa", *SMALL]
+    assert main(words) == 1
+    assert re.search(
+        r"`network.hand` is 'sharpa', but the corpus in .* is of 'leap'", capsys.readouterr().err
+    )
+
+
 def test_controllers_without_touch_are_trained_by_a_flag(corpus, tmp_path):
     output = tmp_path / "blind"
     flags = ["--network.use_touch=false", "--network.use_slow=false", "--stages=[encoder_prior]"]

@@ -86,10 +86,7 @@ class Benchmark:
     def book(self, condition: str) -> ChainBook:
         """Return the chains of a condition; all conditions of the same goals share theirs."""
         verified = Condition.parse(condition).verified
-        kind = "verified" if verified else "unverified"
-        hand = get_hand(self.hand)
-        path = self.chains / f"{hand.signature}_{kind}_{self.first_seed}.jsonl"
-        return ChainBook(hand, path, self.first_seed, verified)
+        return ChainBook(get_hand(self.hand), self.chains, self.first_seed, verified)
 
     def version(self, method: str) -> Version:
         """Return what decides the episodes of a method.

@@ -31,15 +31,21 @@ class ChainBook:
 
     Args:
         hand: The hand that holds the objects.
-        path: The file, JSON lines; created when something is built.
+        folder: Of the file, JSON lines; created when something is built.
         first_seed: The first seed.
         verified: Whether goals are verified by the operator.
     """
 
     hand: Hand
-    path: Path
+    folder: Path
     first_seed: int
     verified: bool = False
+
+    @property
+    def path(self) -> Path:
+        """The file, named after all that decides its chains."""
+        kind = "verified" if self.verified else "unverified"
+        return self.folder / f"{self.hand.signature}_{kind}_{self.first_seed}.jsonl"
 
     def ensure(self, count: int, workers: int = 2, quiet: bool = False, build: Build | None = None) -> None:
         """Build chains until there are `count`; what is there is kept, so an interrupt loses little.
@@ -54,7 +60,7 @@ class ChainBook:
             DexFlexError: If chains are missing and another process builds some in the same folder.
         """
         if self._found(self._read()) < count:
-            with locked(self.path.parent):
+            with locked(self.folder):
                 self._build(count, workers, quiet, build or build_in_simulator)
 
     def _build(self, count: int, workers: int, quiet: bool, build: Build) -> None:

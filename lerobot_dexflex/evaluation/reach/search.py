@@ -94,9 +94,7 @@ class Search:
     @property
     def book(self) -> ChainBook:
         """The chains."""
-        hand = get_hand(self.hand)
-        path = self.chains / f"{hand.signature}_unverified_{TRAINING_SEED}.jsonl"
-        return ChainBook(hand, path, TRAINING_SEED)
+        return ChainBook(get_hand(self.hand), self.chains, TRAINING_SEED)
 
     def jobs(self, trials: int, version: str) -> list[Job]:
         """Return the first trials as jobs, each a condition of its own; the chains must have been built."""

@@ -72,7 +72,7 @@ def split_rows(summary: Summary) -> Rows:
         ]
         for condition in summary.run
         for method in summary.methods
-        if summary.mean(method, condition, "intent_event")
+        if summary.of(method, condition)["intent_event"].notna().any()
     ]
 
 

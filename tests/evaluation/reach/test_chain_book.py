@@ -13,7 +13,7 @@ from lerobot_dexflex.runs.lock import locked
 
 
 def test_chains_are_those_of_the_first_seeds_that_have_one(tmp_path):
-    book = ChainBook(LEAP, tmp_path / "chains.jsonl", 10)
+    book = ChainBook(LEAP, tmp_path, 10)
     book.ensure(3, workers=0, quiet=True, build=build_even)
     assert [c.seed for c in book.load(3)] == [10, 12, 14]
     assert book.load(3)[1] == chain(12)
@@ -32,13 +32,13 @@ def test_the_order_does_not_depend_on_which_worker_is_fast(tmp_path, monkeypatch
             yield function(running.pop(rng.randrange(len(running))))
 
     monkeypatch.setattr(chain_book, "run_each", in_any_order)
-    book = ChainBook(LEAP, tmp_path / "chains.jsonl", 10)
+    book = ChainBook(LEAP, tmp_path, 10)
     book.ensure(3, workers=3, quiet=True, build=build_even)
     assert [c.seed for c in book.load(3)] == [10, 12, 14]
 
 
 def test_what_is_there_is_not_built_again_but_a_torn_line_is(tmp_path):
-    book = ChainBook(LEAP, tmp_path / "chains.jsonl", 10)
+    book = ChainBook(LEAP, tmp_path, 10)
     book.ensure(3, workers=0, quiet=True, build=build_even)
     built = []
 
@@ -56,7 +56,7 @@ def test_what_is_there_is_not_built_again_but_a_torn_line_is(tmp_path):
 
 
 def test_a_gap_left_by_a_kill_is_not_skipped(tmp_path):
-    book = ChainBook(LEAP, tmp_path / "chains.jsonl", 10)
+    book = ChainBook(LEAP, tmp_path, 10)
     book.ensure(3, workers=0, quiet=True, build=build_even)
     lines = book.path.read_text().splitlines(keepends=True)
     book.path.write_text("".join(lines[:2] + lines[3:]))
@@ -67,7 +67,7 @@ def test_a_gap_left_by_a_kill_is_not_skipped(tmp_path):
 
 
 def test_two_processes_do_not_build_into_one_folder(tmp_path):
-    book = ChainBook(LEAP, tmp_path / "chains/chains.jsonl", 10)
+    book = ChainBook(LEAP, tmp_path / "chains", 10)
     with locked(tmp_path / "chains"), pytest.raises(DexFlexError, match=f"in use by process {os.getpid()}"):
         book.ensure(3, workers=0, quiet=True, build=build_even)
     book.ensure(3, workers=0, quiet=True, build=build_even)
@@ -77,15 +77,17 @@ def test_two_processes_do_not_build_into_one_folder(tmp_path):
 
 @pytest.mark.parametrize("line", ['{"chain": null}', '{"seed": 7, "chain": {"goals": 3}}', "[]"])
 def test_a_line_that_is_no_chain_is_named(tmp_path, line):
-    path = tmp_path / "chains.jsonl"
-    path.write_text(line + "\n")
-    with pytest.raises(DexFlexError, match=r"chains\.jsonl holds a line that is no chain"):
-        ChainBook(LEAP, path, 0).load(1)
+    book = ChainBook(LEAP, tmp_path, 0)
+    book.path.write_text(line + "\n")
+    with pytest.raises(
+        DexFlexError, match=rf"{LEAP.signature}_unverified_0\.jsonl holds a line that is no chain"
+    ):
+        book.load(1)
 
 
 def test_a_chain_is_kept_with_the_steps_that_the_operator_takes(tmp_path, monkeypatch):
     monkeypatch.setattr("lerobot_dexflex.commands.loop.GOAL_STEPS", 2)  # Eight goals in sixteen steps.
-    book = ChainBook(LEAP, tmp_path / "chains.jsonl", 50_003)
+    book = ChainBook(LEAP, tmp_path, 50_003)
     book.ensure(1, workers=0, quiet=True)
     (found,) = book.load(1)
     assert found.steps == 16 == operator_steps(LEAP, found)
