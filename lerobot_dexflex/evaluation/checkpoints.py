@@ -121,7 +121,7 @@ def load_checkpoint(
     if draft:
         overrides.append(f"--draft={draft}")
     if method.learned:
-        overrides.append(f"--controller={method.weights(controller)[0].parent}")
+        overrides.append(f"--controller={method.weights(hand, controller)[0].parent}")
     try:
         config = PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=overrides)
     except (ValueError, DraccusException) as error:

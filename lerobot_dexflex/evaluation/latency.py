@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lerobot_dexflex.controller import DexFlexController, SelectionSettings
+from lerobot_dexflex.controller import ControllerConfig, DexFlexController, SelectionSettings
 from lerobot_dexflex.controller.diffusion_prior import WEIGHTS, DiffusionPrior
 from lerobot_dexflex.conventions import DRAFT_HORIZON
 from lerobot_dexflex.errors import DexFlexError
@@ -43,14 +43,14 @@ class Networks(NamedTuple):
     """False if the weights are random; the time of a decision does not depend on them."""
 
 
-def load_networks(where: str | Path | None = None) -> Networks:
-    """Return the networks of a controller, by default the shipped one, or random ones without it."""
+def load_networks(hand: Hand, where: str | Path | None = None) -> Networks:
+    """Return the networks of a hand's controller, by default the shipped one, or random ones without it."""
     try:
-        folder = find_controller(where)
+        folder = find_controller(hand, where)
     except DexFlexError:
         if where:
             raise
-        controller = DexFlexController().eval().requires_grad_(False)
+        controller = DexFlexController(ControllerConfig(hand=hand.name)).eval().requires_grad_(False)
         return Networks(controller, DiffusionPrior(controller.config).eval(), False)
     controller = DexFlexController.from_pretrained(folder)
     has_prior = (folder / WEIGHTS).is_file()

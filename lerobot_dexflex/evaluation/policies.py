@@ -78,7 +78,7 @@ class LeRobotPolicies:
             )
         for name in methods:
             check_checkpoint(self.hand, self.checkpoint(name), Method.parse(name), self.draft)
-            Method.parse(name).weights(self.controller)
+            Method.parse(name).weights(self.hand, self.controller)
 
     def version(self, method: str, task: str, **settings: Any) -> Version:
         """Return what decides a method's episodes on a task.
@@ -95,7 +95,7 @@ class LeRobotPolicies:
         part = check_checkpoint(self.hand, folder, Method.parse(method), self.draft)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *policy_modules(folder))
         settings |= {"device": self.device, "executes": part, "hand": self.hand.signature}
-        return _version(method, modules, folder, self.controller, **settings)
+        return _version(method, modules, folder, self.hand, self.controller, **settings)
 
 
 @dataclass(frozen=True)
@@ -123,19 +123,21 @@ class AdaptedPolicies:
         """
         check_backbone(self.backbone)
         for name in methods:
-            Method.parse(name).weights(self.controller)
+            Method.parse(name).weights(self.hand, self.controller)
 
     def version(self, method: str, task: str, **settings: Any) -> Version:
         """Return what decides a method's episodes on a task; see `LeRobotPolicies.version`."""
         check_backbone(self.backbone)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *adapter_modules())
         settings |= {"device": self.device, "hand": self.hand.signature}
-        return _version(method, modules, self.backbone, self.controller, **settings)
+        return _version(method, modules, self.backbone, self.hand, self.controller, **settings)
 
 
-def _version(name: str, modules: Sequence[str], folder: Path, controller: str, **settings: Any) -> Version:
+def _version(
+    name: str, modules: Sequence[str], folder: Path, hand: Hand, controller: str, **settings: Any
+) -> Version:
     method = Method.parse(name)
-    weights = (folder, *method.weights(controller))
+    weights = (folder, *method.weights(hand, controller))
     return method_version((*modules, *method.modules), weights, method=method.name, **settings)
 
 

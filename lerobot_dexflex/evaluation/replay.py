@@ -188,7 +188,7 @@ class Replays:
         """
         _demonstrations(self.root)
         for name in methods:
-            Method.parse(name).weights()
+            Method.parse(name).weights(self.hand)
 
     def version(self, method: str, task: str, **settings: Any) -> Version:
         """Return what decides a method's episodes; the recorded actions count as weights."""
@@ -196,7 +196,7 @@ class Replays:
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *parsed.modules)
         recorded = (self.root / RECORD_FILE, *sorted(self.root.glob(_PARQUET)))
         return method_version(
-            modules, (*recorded, *parsed.weights()), method=parsed.name, draft=self.draft, **settings
+            modules, (*recorded, *parsed.weights(self.hand)), method=parsed.name, draft=self.draft, **settings
         )
 
 

@@ -52,13 +52,13 @@ class Teleoperators:
         """
         make_expert(self.task)
         for name in methods:
-            Method.parse(name).weights(self.controller)
+            Method.parse(name).weights(self.hand, self.controller)
 
     def version(self, method: str, task: str, **settings: Any) -> Version:
         """Return what decides a method's episodes; see `LeRobotPolicies.version`."""
         parsed = Method.parse(method)
         own = (rollout.__name__, type(self).__module__, TASKS[task].module, expert_module(self.task))
-        weights = parsed.weights(self.controller)
+        weights = parsed.weights(self.hand, self.controller)
         source = {} if parsed.command_space == "joint" else {"source": self.source}
         settings |= {"method": parsed.name, "hand": self.hand.signature, **source}
         return method_version((*own, *parsed.modules), weights, **settings)

@@ -1,37 +1,42 @@
-"""Find a trained controller: the shipped one, a folder, or one on the Hugging Face hub."""
+"""Find a trained controller: the one shipped for a hand, a folder, or one on the Hugging Face hub."""
 
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import Hand
 
 CONTROLLER_FILES = ("config.json", "model.safetensors")
 """Files of a controller's folder that decide what its networks do."""
-SHIPPED = Path(__file__).resolve().parents[2] / "policies/checkpoints/controller_leap"
-"""Where the repository keeps its own controller."""
+SHIPPED = Path(__file__).resolve().parents[2] / "policies/checkpoints"
+"""Where the repository keeps its own controllers, in `controller_<name of the hand>`."""
 _HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
 _TRAIN = "dexflex-train --config=configs/controller/full.yaml"
 
 
-def find_controller(where: str | Path | None, files: Sequence[str] = CONTROLLER_FILES) -> Path:
+def find_controller(
+    hand: Hand, where: str | Path | None = None, files: Sequence[str] = CONTROLLER_FILES
+) -> Path:
     """Return the folder of a controller.
 
     Args:
-        where: A folder or a hub id `owner/name`, which is downloaded once; the shipped controller if empty.
+        hand: The hand that it is to serve.
+        where: A folder or a hub id `owner/name`, which is downloaded once; the one shipped for the hand if
+            empty.
         files: Files that must be there.
 
     Raises:
         DexFlexError: If there is none; says how to train one.
     """
-    folder = SHIPPED if where in (None, "") else Path(where)
+    folder = Path(where) if where else SHIPPED / f"controller_{hand.name}"
     if not folder.is_dir() and isinstance(where, str) and _HUB_ID.fullmatch(where):
         folder = _download(where)
     missing = [name for name in files if not (folder / name).is_file()]
     if missing:
         raise DexFlexError(
-            f"No controller at {folder}: {', '.join(missing)} not found. Give --policy.controller=<folder or "
-            f"hub id> of a trained one, or train it: {_TRAIN}"
+            f"No controller for '{hand.name}' at {folder}: {', '.join(missing)} not found. Give "
+            f"--policy.controller=<folder or hub id> of a trained one, or train it: {_TRAIN}"
         )
     return folder
 

@@ -61,7 +61,7 @@ class DexGenInterface(LearnedInterface):
         if prior is None:
             if isinstance(controller, DexFlexController):
                 raise DexFlexError("Give `prior` together with a controller object, or the folder of both.")
-            controller = find_controller(controller, INTERFACES["dexgen"].files)
+            controller = find_controller(hand, controller, INTERFACES["dexgen"].files)
         super().__init__(hand, controller)
         if prior is None:
             assert isinstance(controller, Path)

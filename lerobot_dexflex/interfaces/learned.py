@@ -62,7 +62,7 @@ class LearnedInterface(CommandedInterface):
         super().__init__(hand)
         source = "The controller"
         if not isinstance(controller, DexFlexController):
-            folder = find_controller(controller)
+            folder = find_controller(hand, controller)
             source, controller = f"The controller in {folder}", shared_controller(folder)
         self.controller = controller.eval().serving(hand, source)
         self._touch, self._drafts, self._past = TouchWatch(hand), DraftWatch(), HistoryBuffer(hand)

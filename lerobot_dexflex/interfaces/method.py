@@ -86,18 +86,19 @@ class Method:
         """Full names of the modules that are imported to make it, beside what they import themselves."""
         return (self.entry.module,)
 
-    def weights(self, controller: str | Path | None = None) -> tuple[Path, ...]:
+    def weights(self, hand: Hand, controller: str | Path | None = None) -> tuple[Path, ...]:
         """Return the files of a controller's folder that decide what it does; none if it is not learned.
 
         Args:
-            controller: Folder or hub id; the shipped one if empty.
+            hand: The hand that it is to serve.
+            controller: Folder or hub id; the one shipped for the hand if empty.
 
         Raises:
             DexFlexError: If there is no such controller, or it lacks a file.
         """
         if not self.learned:
             return ()
-        folder = find_controller(controller, self.entry.files)
+        folder = find_controller(hand, controller, self.entry.files)
         return tuple(folder / file for file in self.entry.files)
 
     def make(self, hand: Hand, controller: str | Path | None = None) -> Interface:
@@ -105,14 +106,15 @@ class Method:
 
         Args:
             hand: The hand that it is to serve.
-            controller: Folder or hub id of the controller, if it needs one; the shipped one if empty.
+            controller: Folder or hub id of the controller, if it needs one; the one shipped for the hand if
+                empty.
 
         Raises:
             DexFlexError: If the controller is missing or damaged, or an option is out of its range.
         """
         arguments = {"hand": hand, **dict(self.options)}
         if self.learned:
-            arguments["controller"] = find_controller(controller, self.entry.files)
+            arguments["controller"] = find_controller(hand, controller, self.entry.files)
         if self.ablation:
             arguments["ablation"] = self.ablation
         interface = getattr(importlib.import_module(self.entry.module), self.entry.maker)(**arguments)

@@ -94,7 +94,7 @@ class Recipe:
         Raises:
             DexFlexError: If it is not there.
         """
-        weights = Method.parse(self.interface).weights(self.controller)
+        weights = Method.parse(self.interface).weights(get_hand(self.hand), self.controller)
         return weights_digest(weights) if weights else ""
 
     @property

@@ -48,7 +48,7 @@ def open_interface(config: LinkConfig) -> tuple[Interface, str]:
     method, hand = Method.parse(config.interface), get_hand(config.hand)
     if not method.learned:
         return method.make(hand), ""
-    weights = method.weights(config.controller)
+    weights = method.weights(hand, config.controller)
     folder, found, saved = (
         weights[0].parent,
         f"{method.base}:{weights_digest(weights)}",

@@ -14,7 +14,7 @@ from lerobot_dexflex.controller import DexFlexController
 from lerobot_dexflex.controller.diffusion_prior import DiffusionPrior
 from lerobot_dexflex.errors import DexFlexError
 
-SHIPPED = Path(__file__).parents[2] / "policies/checkpoints/controller_leap"
+SHIPPED = Path(__file__).parents[2] / "policies/checkpoints"
 WEIGHTS = ("model.safetensors", "dexgen.safetensors")
 
 
@@ -76,8 +76,9 @@ def test_a_folder_without_checksums_is_loaded_with_a_warning_that_tells_the_reme
         DexFlexController.from_pretrained(folder)
 
 
-def test_the_shipped_controller_is_whole():
+@pytest.mark.parametrize("name", WEIGHTS)
+@pytest.mark.parametrize("hand", ["leap"])
+def test_the_shipped_controllers_are_whole(hand, name):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for name in WEIGHTS:
-            load(SHIPPED, name)
+        load(SHIPPED / f"controller_{hand}", name)

@@ -10,7 +10,7 @@ from lerobot_dexflex.interfaces.dexflex import DexFlexInterface
 
 @pytest.fixture(scope="module")
 def networks(controller_folder):
-    return latency.load_networks(controller_folder)
+    return latency.load_networks(LEAP, controller_folder)
 
 
 class Slow:
@@ -64,6 +64,6 @@ def test_without_a_shipped_controller_random_weights_are_timed_and_a_named_one_m
 ):
     assert networks.trained
     monkeypatch.setattr("lerobot_dexflex.interfaces.controller_folder.SHIPPED", tmp_path / "nowhere")
-    assert not latency.load_networks().trained
-    with pytest.raises(DexFlexError, match="No controller at"):
-        latency.load_networks(str(tmp_path / "named"))
+    assert not latency.load_networks(LEAP).trained
+    with pytest.raises(DexFlexError, match="No controller for"):
+        latency.load_networks(LEAP, str(tmp_path / "named"))

@@ -158,7 +158,7 @@ def test_a_controller_moves_the_hand_and_belongs_to_the_version(policies, contro
 
 
 def test_a_comparison_without_its_controller_is_refused(policies, tmp_path):
-    with pytest.raises(DexFlexError, match="No controller at"):
+    with pytest.raises(DexFlexError, match="No controller for"):
         replace(policies, controller=str(tmp_path)).check(["dexflex"])
 
 

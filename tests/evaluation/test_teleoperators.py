@@ -120,7 +120,7 @@ def test_what_cannot_run_is_refused_early(controller_folder, tmp_path):
         Teleoperators(LEAP, TASK).check(["raw", "telepathy"])
     with pytest.raises(DexFlexError, match="No expert for task 'Reach-v0'"):
         Teleoperators(LEAP, "Reach-v0").check(["raw"])
-    with pytest.raises(DexFlexError, match="No controller at"):
+    with pytest.raises(DexFlexError, match="No controller for"):
         Teleoperators(LEAP, TASK, str(tmp_path)).check(["dexflex"])
 
 

@@ -1,6 +1,7 @@
 import pytest
 
 from lerobot_dexflex.errors import DexFlexError
+from lerobot_dexflex.hands import LEAP
 from lerobot_dexflex.interfaces.controller_folder import find_controller
 from lerobot_dexflex.interfaces.registry import INTERFACES
 
@@ -15,20 +16,20 @@ def folder(tmp_path):
 
 
 def test_a_folder_is_found_as_text_or_path(folder):
-    assert find_controller(folder) == find_controller(str(folder)) == folder
+    assert find_controller(LEAP, folder) == find_controller(LEAP, str(folder)) == folder
 
 
 def test_a_missing_controller_ends_in_one_message_with_the_command_that_trains_it(tmp_path):
-    message = r"No controller at .*nowhere: config.json, model.safetensors not found.*train it: dexflex-train"
+    message = r"No controller for 'leap' at .*nowhere: config.json, model.safetensors not .*: dexflex-train"
     with pytest.raises(DexFlexError, match=message):
-        find_controller(tmp_path / "nowhere")
+        find_controller(LEAP, tmp_path / "nowhere")
 
 
 def test_a_controller_without_the_weights_of_dexgen_says_so(folder):
     (folder / "dexgen.safetensors").unlink()
-    assert find_controller(folder) == folder
+    assert find_controller(LEAP, folder) == folder
     with pytest.raises(DexFlexError, match=r"dexgen.safetensors not found"):
-        find_controller(folder, DEXGEN_FILES)
+        find_controller(LEAP, folder, DEXGEN_FILES)
 
 
 def test_a_hub_id_that_cannot_be_had_ends_in_one_message(monkeypatch):
@@ -39,4 +40,4 @@ def test_a_hub_id_that_cannot_be_had_ends_in_one_message(monkeypatch):
 
     monkeypatch.setattr("huggingface_hub.snapshot_download", refuse)
     with pytest.raises(DexFlexError, match=r"No controller at 'nobody/nothing': it is neither a folder here"):
-        find_controller("nobody/nothing")
+        find_controller(LEAP, "nobody/nothing")

@@ -1,6 +1,7 @@
 """What holds for every interface with networks, by whatever method's name."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -217,11 +218,11 @@ def test_a_controller_of_one_hand_does_not_serve_another(controller_folder, base
         make_interface(SHARPA, base, controller_folder)
 
 
-def test_without_a_controller_another_hand_is_not_served_by_the_shipped_one():
+def test_a_hand_without_a_shipped_controller_says_how_to_get_one():
     with pytest.raises(
-        DexFlexError, match=r"controller_leap was trained for 'leap', but the robot is 'sharpa'"
+        DexFlexError, match=r"No controller for 'claw' at .*--policy.controller=.*dexflex-train"
     ):
-        make_interface(SHARPA, "dexflex")
+        make_interface(replace(LEAP, name="claw"), "dexflex")
 
 
 @learned

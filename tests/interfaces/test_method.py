@@ -124,15 +124,17 @@ def test_a_version_follows_a_methods_own_modules_only():
 
 
 def test_the_weights_of_a_method_are_the_files_that_decide(tmp_path):
-    assert Method.parse("press").weights(tmp_path) == ()
-    with pytest.raises(DexFlexError, match=r"No controller at .*config\.json, fake\.safetensors not found"):
-        Method.parse("fake").weights(tmp_path)
+    assert Method.parse("press").weights(LEAP, tmp_path) == ()
+    with pytest.raises(
+        DexFlexError, match=r"No controller for 'leap' at .*config\.json, fake\.safetensors not found"
+    ):
+        Method.parse("fake").weights(LEAP, tmp_path)
     for name in ("config.json", "fake.safetensors"):
         (tmp_path / name).touch()
-    names = [path.name for path in Method.parse("fake-notouch@0.4").weights(tmp_path)]
+    names = [path.name for path in Method.parse("fake-notouch@0.4").weights(LEAP, tmp_path)]
     assert names == ["config.json", "fake.safetensors"]
-    with pytest.raises(DexFlexError, match="No controller at"):
-        Method.parse("fake").weights(tmp_path / "nowhere")
+    with pytest.raises(DexFlexError, match="No controller for"):
+        Method.parse("fake").weights(LEAP, tmp_path / "nowhere")
 
 
 def test_a_name_is_registered_once():

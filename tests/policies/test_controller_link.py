@@ -106,5 +106,5 @@ def test_a_controller_of_other_content_is_reported_and_the_same_is_not(policy, c
 
 
 def test_a_missing_controller_ends_in_one_message_with_the_command_that_trains_it(build, tmp_path):
-    with pytest.raises(DexFlexError, match=r"No controller at .*train it: dexflex-train"):
+    with pytest.raises(DexFlexError, match=r"No controller for 'leap' at .*train it: dexflex-train"):
         build(interface="dexflex", controller=str(tmp_path / "nowhere"))

@@ -156,7 +156,7 @@ def test_another_or_no_controller_is_refused_when_loaded(pipelines, controller_f
     assert torch.equal(act(ours, observation), act(pipelines("dexflex"), observation))
     assert torch.isfinite(act(loaded(tmp_path, controller_digest=""), observation)).all()
     shutil.rmtree(controller)
-    with pytest.raises(ValueError, match=r"No controller at .*train it: dexflex-train"):
+    with pytest.raises(ValueError, match=r"No controller for 'leap' at .*train it: dexflex-train"):
         loaded(tmp_path)
 
 

@@ -95,9 +95,9 @@ class Benchmark:
             DexFlexError: If it needs a controller that is not there.
         """
         parsed = Method.parse(method)
-        modules, weights = (*_RUN_BY, *parsed.modules), parsed.weights(self.controller)
-        hand = get_hand(self.hand).signature
-        settings = {"batch": self.batch, "group": self.group, "max_steps": MAX_STEPS, "hand": hand}
+        hand = get_hand(self.hand)
+        modules, weights = (*_RUN_BY, *parsed.modules), parsed.weights(hand, self.controller)
+        settings = {"batch": self.batch, "group": self.group, "max_steps": MAX_STEPS, "hand": hand.signature}
         return method_version(modules, weights, **settings)
 
     def count(self, method: str) -> int:
