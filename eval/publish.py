@@ -2,6 +2,7 @@
 
 python eval/publish.py --folders=outputs/compare,outputs/shared_control
 python eval/publish.py --folders=outputs/degraded/seed1 --into=eval/results/reach_seed1.csv
+python eval/publish.py --folders=outputs/degraded/both --into=eval/results/reach_sharpa.csv --label=both
 
 Then `python eval/readme_table.py` and `python docs/render_results.py` renew tables and pictures.
 """
@@ -29,6 +30,8 @@ class Config:
     """Folders of runs, separated by commas."""
     into: Path = Path("eval/results/tasks.csv")
     """The published table, `tasks*.csv` or `reach*.csv`; `runs.csv` stands beside it."""
+    label: str = ""
+    """Goes before the methods' names, to tell controllers apart: `both` leaves rows of `both/dexflex`."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -38,11 +41,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _work(config: Config, words: list[str]) -> int:
     del words
-    publish([Path(name) for name in names(config.folders)], config.into)
+    publish([Path(name) for name in names(config.folders)], config.into, config.label)
     return 0
 
 
-def publish(folders: list[Path], into: Path) -> None:
+def publish(folders: list[Path], into: Path, label: str = "") -> None:
     """Replace whole cells of a published table by the rows of runs.
 
     Origins in `runs.csv` of which no table of the folder has a row any more are forgotten.
@@ -50,18 +53,20 @@ def publish(folders: list[Path], into: Path) -> None:
     Args:
         folders: Folders of runs, which have a table of the same kind: `tasks.csv` or `reach.csv`.
         into: The published table.
+        label: Goes before the methods' names, with a `/` between them.
 
     Raises:
         DexFlexError: If a table is missing, or a run has fewer episodes of a cell than are published.
             Nothing is changed then.
     """
     kind = f"{into.stem.partition('_')[0]}.csv"
-    new = _concatenated([folder / kind for folder in folders])
+    new = _labelled(_concatenated([folder / kind for folder in folders]), label)
     old = _read(into) if into.exists() else new.iloc[:0]
     _check_finished(old, new, into)
     replaced = old.set_index(CELL).index.isin(new.set_index(CELL).index)
     rows = pd.concat([old.loc[~replaced], new]).fillna("")
-    origins = pd.concat([_read(into.with_name(RUNS)), _concatenated([folder / RUNS for folder in folders])])
+    runs = _labelled(_concatenated([folder / RUNS for folder in folders]), label)
+    origins = pd.concat([_read(into.with_name(RUNS)), runs])
     others = [path for path in into.parent.glob("*.csv") if path.name != RUNS and path != into]
     known = set(rows["version"]).union(*(_read(path)["version"] for path in others))
     _write(rows, into)
@@ -81,6 +86,10 @@ def _check_finished(old: pd.DataFrame, new: pd.DataFrame, into: Path) -> None:
 
 def _concatenated(paths: list[Path]) -> pd.DataFrame:
     return pd.concat([_read(path) for path in paths]).fillna("")
+
+
+def _labelled(rows: pd.DataFrame, label: str) -> pd.DataFrame:
+    return rows.assign(method=[f"{label}/{method}" if label else method for method in rows["method"]])
 
 
 def _read(path: Path) -> pd.DataFrame:

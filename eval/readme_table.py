@@ -83,6 +83,20 @@ class Benchmark:
     """Names, separated by commas."""
     reference: str = "dexflex"
     """Method that the others are tested against."""
+    hand: str = ""
+    """Name of the hand; LEAP if empty."""
+
+
+@dataclass(frozen=True)
+class Trainings:
+    """A table of the in-hand benchmark over several trainings of the controller."""
+
+    methods: str
+    """Names, separated by commas; a label before the `/` tells controllers apart."""
+    reference: str
+    """Method that the others are tested against."""
+    hand: str = ""
+    """Name of the hand; LEAP if empty."""
 
 
 SHARED = View(
@@ -142,8 +156,8 @@ BENCHMARKS = {
     ),
 }
 """Tables of the in-hand benchmark that a document may show, by name."""
-TRAININGS = "trainings"
-"""Name of the table of several trainings of the controller in the in-hand benchmark."""
+TRAININGS = {"trainings": Trainings("dexflex-notouch,dexflex", "dexflex")}
+"""Tables of several trainings of the controller in the in-hand benchmark, by name."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -186,16 +200,16 @@ def filled(text: str, results: Path = RESULTS, up: str = "") -> str:
 
     def block(match: re.Match[str]) -> str:
         name = match["name"]
-        if name not in (*VIEWS, *BENCHMARKS, TRAININGS):
-            valid = ", ".join((*VIEWS, *BENCHMARKS, TRAININGS))
-            raise DexFlexError(f"There is no view {name!r} of the results. Valid: {valid}.")
-        source = f"{up}eval/results/{'tasks' if name in VIEWS else 'reach'}.csv"
         if name in BENCHMARKS:
-            content = benchmark_markdown(results, BENCHMARKS[name])
-        elif name == TRAININGS:
-            content = trainings_markdown(results)
+            table, content = BENCHMARKS[name], benchmark_markdown(results, BENCHMARKS[name])
+        elif name in TRAININGS:
+            table, content = TRAININGS[name], trainings_markdown(results, TRAININGS[name])
+        elif name in VIEWS:
+            table, content = None, markdown(replace(VIEWS[name], results=results))
         else:
-            content = markdown(replace(VIEWS[name], results=results))
+            valid = ", ".join((*VIEWS, *BENCHMARKS, *TRAININGS))
+            raise DexFlexError(f"There is no view {name!r} of the results. Valid: {valid}.")
+        source = f"{up}eval/results/{_reach(table.hand) if table else 'tasks'}.csv"
         last = f"Every episode: [{source}]({source})."
         space = "" if content.endswith("\n") else " "
         return f"<!-- results:{name} -->\n{content}{space}{last}\n<!-- /results -->"
@@ -279,14 +293,16 @@ def _rows(
 
 
 def benchmark_markdown(results: Path, table: Benchmark) -> str:
-    """Return progress in the in-hand benchmark and the tests of its reference, from `reach.csv`."""
+    """Return progress in the in-hand benchmark and the tests of its reference, from `reach*.csv`."""
     from lerobot_dexflex.evaluation.reach.summary import family, summarise
     from lerobot_dexflex.evaluation.reach.tables import TEST_HEADER, as_markdown, mean_text, test_rows
     from lerobot_dexflex.evaluation.summary import newest
     from lerobot_dexflex.runs.table import read
 
     methods, conditions = table.methods.split(","), table.conditions.split(",")
-    summary = summarise(newest(read(results / "reach.csv")), methods, conditions, table.reference)
+    summary = summarise(
+        newest(read(results / f"{_reach(table.hand)}.csv")), methods, conditions, table.reference
+    )
     several = len({family(condition) for condition in conditions} - {None}) > 1
     shown = summary.conditions if several else summary.run
     rows = [
@@ -302,20 +318,27 @@ def benchmark_markdown(results: Path, table: Benchmark) -> str:
     )
 
 
-def trainings_markdown(results: Path) -> str:
-    """Return progress in the in-hand benchmark over trainings, from `reach.csv` and `reach_seed*.csv`."""
+def trainings_markdown(results: Path, table: Trainings) -> str:
+    """Return progress in the in-hand benchmark over trainings, from a table and those with `_seed*`."""
     from lerobot_dexflex.evaluation.reach.trainings import across_trainings, markdown
     from lerobot_dexflex.evaluation.summary import newest
     from lerobot_dexflex.runs.table import read
 
-    paths = [results / "reach.csv", *sorted(results.glob("reach_seed*.csv"))]
-    cells = across_trainings([newest(read(path)) for path in paths])
+    name, methods = _reach(table.hand), table.methods.split(",")
+    paths = [results / f"{name}.csv", *sorted(results.glob(f"{name}_seed*.csv"))]
+    rows = [newest(read(path)) for path in paths]
+    cells = across_trainings([each.loc[each["method"].isin(methods)] for each in rows], table.reference)
     n = min(cell.together.n for cell in cells)
     return (
         f"{markdown(cells)}\n\nn = {n} test chains per cell, each run by {len(paths)} trainings of the "
         "controller; their progress is averaged for each chain before methods are compared. Rows of "
         f"the other trainings: {', '.join(f'`{path.name}`' for path in paths[1:])}."
     )
+
+
+def _reach(hand: str) -> str:
+    """Return the name of a hand's table of the in-hand benchmark."""
+    return f"reach_{hand}" if hand else "reach"
 
 
 if __name__ == "__main__":

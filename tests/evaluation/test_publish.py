@@ -50,6 +50,19 @@ def test_publishing_twice_changes_nothing(script, make_run):
     assert once == ((published / "tasks.csv").read_text(), (published / "runs.csv").read_text())
 
 
+def test_a_label_tells_controllers_apart(script, make_run):
+    published = make_run("results", "reach.csv", "dexflex", "a", [True])
+    run = make_run("run", "reach.csv", "dexflex", "b", [False])
+    for _ in range(2):
+        script.publish([run], published / "reach.csv", "both")
+    rows, origins = read(published / "reach.csv"), read(published / "runs.csv")
+    assert rows.set_index("method")["success"].to_dict() == {"dexflex": True, "both/dexflex": False}
+    assert origins.set_index("version")["method"].to_dict() == {
+        Version("a").name: "dexflex",
+        Version("b").name: "both/dexflex",
+    }
+
+
 def test_an_unfinished_run_is_refused_by_name(script, make_run, capsys):
     published = make_run("results", "reach.csv", "raw", "a", [True, True])
     run = make_run("run", "reach.csv", "raw", "b", [True])
