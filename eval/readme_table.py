@@ -33,6 +33,8 @@ POLICIES = "joint,commanded/raw,commanded/press:1,press:4,dexgen,dexflex-notouch
 """Measured under policies, which learned joint targets, commanded and measured fingertips."""
 SPLIT = "dexflex:use_splitter=True"
 """The controller below a source that presses."""
+CLOSE = "levels=0.75"
+"""Option of the controller by which its candidates stay closer to the draft."""
 MOTION_ONLY = "motion/raw,motion/press:4,motion/dexgen,motion/dexflex"
 """Measured under policies that learned measured fingertips alone."""
 OPERATOR = (
@@ -143,6 +145,23 @@ BENCHMARKS = {
         "dexflex-noselection,dexflex-noconsequence,dexflex-nopure,dexflex-noseeded,dexflex-nofinger,"
         "dexflex-noslow,dexflex-notouch,dexflex-nogrip,dexflex",
         "removal_2mm",
+    ),
+    "sharpa": Benchmark(
+        f"raw,press,dexgen,dexflex-noselection,dexflex-notouch:{CLOSE},dexflex,dexflex:{CLOSE},forces,operator",
+        "clean,removal_2mm",
+        f"dexflex:{CLOSE}",
+        "sharpa",
+    ),
+    "across_leap": Benchmark(
+        f"specialist/dexflex:{CLOSE},both/dexflex:{CLOSE}", "clean,removal_2mm", f"both/dexflex:{CLOSE}"
+    ),
+    "across_sharpa": Benchmark(
+        ",".join(
+            f"{label}/dexflex:{CLOSE}" for label in ("specialist", "both", "other", "tenth", "tenth-warm")
+        ),
+        "clean,removal_2mm",
+        f"both/dexflex:{CLOSE}",
+        "sharpa",
     ),
     "pressing": Benchmark(
         f"raw,press,projection,dexgen:use_splitter=True,dexflex,{SPLIT}",

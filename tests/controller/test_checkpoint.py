@@ -77,7 +77,7 @@ def test_a_folder_without_checksums_is_loaded_with_a_warning_that_tells_the_reme
 
 
 @pytest.mark.parametrize("name", WEIGHTS)
-@pytest.mark.parametrize("hand", ["leap"])
+@pytest.mark.parametrize("hand", ["leap", "sharpa"])
 def test_the_shipped_controllers_are_whole(hand, name):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -175,12 +175,17 @@ def _average(rows: pd.DataFrame, averaged: Sequence[str]) -> pd.DataFrame:
     return average.assign(condition=average_of(averaged[0]))
 
 
+def _base(name: str) -> str:
+    """Return the interface of a method, before whose name there may be a label: `both/dexflex`."""
+    return Method.parse(name.partition(":")[0].rpartition("/")[2]).base
+
+
 def _tests(
     rows: pd.DataFrame, methods: Sequence[str], conditions: Sequence[str], reference: str
 ) -> tuple[ProgressTest, ...]:
     """Test the reference's progress against every method but upper bounds, Holm within condition and kind."""
-    others = [m for m in methods if m != reference and Method.parse(m).base not in BOUNDS]
-    variants = [m for m in others if Method.parse(m).base == "dexflex"]
+    others = [m for m in methods if m != reference and _base(m) not in BOUNDS]
+    variants = [m for m in others if _base(m) == "dexflex"]
     kinds = {"baseline": [m for m in others if m not in variants], "variant": variants}
     tests: list[ProgressTest] = []
     for condition in conditions:

@@ -105,6 +105,13 @@ def test_holm_counts_the_baselines_of_a_condition():
     assert [t.p_value_holm for t in summarise(rows(table)).tests] == pytest.approx([3 * 2 / 2**8] * 3)
 
 
+def test_a_label_before_the_name_does_not_change_what_a_method_is():
+    labelled = ("both/dexflex", "tenth/dexflex:levels=0.5/0.75", "both/press", "both/oracle:clean")
+    found = summarise(rows({(m, "clean"): [0.5] * 8 for m in labelled}), reference="both/dexflex")
+    kinds = {test.method: test.kind for test in found.tests}
+    assert kinds == {"tenth/dexflex:levels=0.5/0.75": "variant", "both/press": "baseline"}
+
+
 def test_missing_and_doubled_episodes_are_refused_and_not_averaged_over():
     whole = rows({("raw", "clean"): [1.0, 1.0]})
     with pytest.raises(DexFlexError, match=r"'press' has 0 episodes .* none at all"):
