@@ -94,8 +94,7 @@ class LeRobotPolicies:
         folder = self.checkpoint(method)
         part = check_checkpoint(self.hand, folder, Method.parse(method), self.draft)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *policy_modules(folder))
-        settings |= {"device": self.device, "executes": part, "hand": self.hand.signature}
-        return _version(method, modules, folder, self.hand, self.controller, **settings)
+        return _version(self, method, modules, folder, executes=part, **settings)
 
 
 @dataclass(frozen=True)
@@ -129,16 +128,20 @@ class AdaptedPolicies:
         """Return what decides a method's episodes on a task; see `LeRobotPolicies.version`."""
         check_backbone(self.backbone)
         modules = (rollout.__name__, type(self).__module__, TASKS[task].module, *adapter_modules())
-        settings |= {"device": self.device, "hand": self.hand.signature}
-        return _version(method, modules, self.backbone, self.hand, self.controller, **settings)
+        return _version(self, method, modules, self.backbone, **settings)
 
 
 def _version(
-    name: str, modules: Sequence[str], folder: Path, hand: Hand, controller: str, **settings: Any
+    policies: LeRobotPolicies | AdaptedPolicies,
+    name: str,
+    modules: Sequence[str],
+    folder: Path,
+    **settings: Any,
 ) -> Version:
-    method = Method.parse(name)
-    weights = (folder, *method.weights(hand, controller))
-    return method_version((*modules, *method.modules), weights, method=method.name, **settings)
+    method, hand = Method.parse(name), policies.hand
+    weights = (folder, *method.weights(hand, policies.controller))
+    settings |= {"device": policies.device, "hand": hand.signature, "method": method.name}
+    return method_version((*modules, *method.modules), weights, **settings)
 
 
 class LeRobotController:
