@@ -160,7 +160,7 @@ def decisions(controller: str, steps: int) -> dict[str, Any]:
     """Print and return how long learned interfaces take for one hand, and DexFlex by its settings."""
     from lerobot_dexflex.evaluation import latency
 
-    networks = latency.load_networks(LEAP, controller or None)
+    networks = latency.load_networks(LEAP, controller)
     found = latency.measure(LEAP, latency.interfaces_at_defaults(LEAP, networks), steps)
     together = latency.measure(LEAP, latency.interfaces_at_defaults(LEAP, networks), steps // 8, hands=HANDS)
     cells = latency.grid(LEAP, networks, steps // 4)

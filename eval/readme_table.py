@@ -85,8 +85,8 @@ class Benchmark:
     """Names, separated by commas."""
     reference: str = "dexflex"
     """Method that the others are tested against."""
-    hand: str = ""
-    """Name of the hand; LEAP if empty."""
+    published: str = "reach"
+    """Name of the published table, without `.csv`; another hand than LEAP has its own."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,8 @@ class Trainings:
     """Names, separated by commas; a label before the `/` tells controllers apart."""
     reference: str
     """Method that the others are tested against."""
-    hand: str = ""
-    """Name of the hand; LEAP if empty."""
+    published: str = "reach"
+    """Name of the published table, without `.csv`; another hand than LEAP has its own."""
 
 
 SHARED = View(
@@ -150,7 +150,7 @@ BENCHMARKS = {
         f"raw,press,dexgen,dexflex-noselection,dexflex-notouch:{CLOSE},dexflex,dexflex:{CLOSE},forces,operator",
         "clean,removal_2mm",
         f"dexflex:{CLOSE}",
-        "sharpa",
+        "reach_sharpa",
     ),
     "across_leap": Benchmark(
         f"specialist/dexflex:{CLOSE},both/dexflex:{CLOSE}", "clean,removal_2mm", f"both/dexflex:{CLOSE}"
@@ -161,7 +161,7 @@ BENCHMARKS = {
         ),
         "clean,removal_2mm",
         f"both/dexflex:{CLOSE}",
-        "sharpa",
+        "reach_sharpa",
     ),
     "pressing": Benchmark(
         f"raw,press,projection,dexgen:use_splitter=True,dexflex,{SPLIT}",
@@ -220,15 +220,15 @@ def filled(text: str, results: Path = RESULTS, up: str = "") -> str:
     def block(match: re.Match[str]) -> str:
         name = match["name"]
         if name in BENCHMARKS:
-            table, content = BENCHMARKS[name], benchmark_markdown(results, BENCHMARKS[name])
+            published, content = BENCHMARKS[name].published, benchmark_markdown(results, BENCHMARKS[name])
         elif name in TRAININGS:
-            table, content = TRAININGS[name], trainings_markdown(results, TRAININGS[name])
+            published, content = TRAININGS[name].published, trainings_markdown(results, TRAININGS[name])
         elif name in VIEWS:
-            table, content = None, markdown(replace(VIEWS[name], results=results))
+            published, content = "tasks", markdown(replace(VIEWS[name], results=results))
         else:
             valid = ", ".join((*VIEWS, *BENCHMARKS, *TRAININGS))
             raise DexFlexError(f"There is no view {name!r} of the results. Valid: {valid}.")
-        source = f"{up}eval/results/{_reach(table.hand) if table else 'tasks'}.csv"
+        source = f"{up}eval/results/{published}.csv"
         last = f"Every episode: [{source}]({source})."
         space = "" if content.endswith("\n") else " "
         return f"<!-- results:{name} -->\n{content}{space}{last}\n<!-- /results -->"
@@ -319,19 +319,18 @@ def benchmark_markdown(results: Path, table: Benchmark) -> str:
     from lerobot_dexflex.runs.table import read
 
     methods, conditions = table.methods.split(","), table.conditions.split(",")
-    summary = summarise(
-        newest(read(results / f"{_reach(table.hand)}.csv")), methods, conditions, table.reference
-    )
+    rows = newest(read(results / f"{table.published}.csv"))
+    summary = summarise(rows, methods, conditions, table.reference)
     several = len({family(condition) for condition in conditions} - {None}) > 1
     shown = summary.conditions if several else summary.run
-    rows = [
+    cells = [
         [f"`{method}`", *(mean_text(summary.mean(method, condition, "progress")) for condition in shown)]
         for method in methods
     ]
     tests = [row for row in test_rows(summary) if row[0] in shown]
     count = min(len(summary.of(method, condition)) for method in methods for condition in conditions)
     return (
-        f"{as_markdown(['interface', *shown], rows)}\n\nMean progress on {count} chains of test objects, "
+        f"{as_markdown(['interface', *shown], cells)}\n\nMean progress on {count} chains of test objects, "
         f"bootstrap 95 % intervals. `{summary.reference}` against the others, on the same chains:\n\n"
         f"{as_markdown(TEST_HEADER, tests)}\n\n"
     )
@@ -343,8 +342,8 @@ def trainings_markdown(results: Path, table: Trainings) -> str:
     from lerobot_dexflex.evaluation.summary import newest
     from lerobot_dexflex.runs.table import read
 
-    name, methods = _reach(table.hand), table.methods.split(",")
-    paths = [results / f"{name}.csv", *sorted(results.glob(f"{name}_seed*.csv"))]
+    first, methods = table.published, table.methods.split(",")
+    paths = [results / f"{first}.csv", *sorted(results.glob(f"{first}_seed*.csv"))]
     rows = [newest(read(path)) for path in paths]
     cells = across_trainings([each.loc[each["method"].isin(methods)] for each in rows], table.reference)
     n = min(cell.together.n for cell in cells)
@@ -353,11 +352,6 @@ def trainings_markdown(results: Path, table: Trainings) -> str:
         "controller; their progress is averaged for each chain before methods are compared. Rows of "
         f"the other trainings: {', '.join(f'`{path.name}`' for path in paths[1:])}."
     )
-
-
-def _reach(hand: str) -> str:
-    """Return the name of a hand's table of the in-hand benchmark."""
-    return f"reach_{hand}" if hand else "reach"
 
 
 if __name__ == "__main__":
